@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from s2r_conceal.effects.table import EFFECTS, altered_machine
 from s2r_conceal.errors import DrawError
 from s2r_conceal.masks import Mask, for_arm
+from s2r_conceal.model_side import built_in, wrong_values
 from s2r_conceal.motions import DURATION_S
 from s2r_conceal.parameters import Controller, Heating, Machine, Motion, Scale, Sensing
 from s2r_conceal.plans import GROUPS, Plan, expected_verdicts, plans_of
@@ -26,10 +25,10 @@ from s2r_conceal.setting import (
     motion_along,
     scales_of,
 )
+from s2r_conceal.shapes import open_effect
 from s2r_conceal.streams import Purpose, stream
 
 ROLES = ("fit", "repeat", "holdout")
-PARAMETERS = ("mass", "com", "inertia", "armature", "viscous", "coulomb", "controller_gain")
 
 
 @dataclass(eq=False)
@@ -41,7 +40,8 @@ class Case:
         machine: The true machine without effects; ``told`` the one in the model file.
         effects: Hidden effects, sizes still open until calibration.
         in_model: Effects that are in the machine and in the model file alike.
-        targets: Wanted strength per effect, in repeatability floors.
+        targets: Wanted strength per hidden effect, in repeatability floors.
+        parameters_off: Wrong values of the model file or of the stated controller.
         expected: Verdicts (or ``refused``) that are right.
         feed_forward: Share of the stated model's effort that the controller adds.
     """
@@ -127,78 +127,33 @@ def _draw(rig: Rig, seed: tuple[int, int, int], group: str, plan: Plan, duration
     )  # arms do not sag
     motions = {role: motion_along(rig, told, q, feed_forward) for role, q in paths.items()}
     scales = scales_of(rig, machine, controller, paths["fit"], duration_s)
-    case = Case(
+    sensing, heating = draw_sensing(rng, scales, mask), draw_heating(rng, scales)
+    hidden = [open_effect(rng, name, scales) for name in names]
+    other_robot = misjudged(rng, rig.draw(rng), 0.01) if variant == "other_robot" else None
+    of_the_file = stream(Purpose.FILE, seed)
+    return Case(
         seed=seed,
         rig=rig,
         group=group,
         variant=variant,
         machine=machine,
-        told=told,
+        told=other_robot or told,
         controller=controller,
         told_controller=controller,
         motions=motions,
-        sensing=draw_sensing(rng, scales, mask),
-        heating=draw_heating(rng, scales),
+        sensing=sensing,
+        heating=heating,
         scales=scales,
         mask=mask,
         sessions=draw_sessions(rng, names),
+        effects=hidden,
+        in_model=built_in(of_the_file, group, variant, hidden, scales),
+        targets=[strength] * len(hidden),
+        parameters_off=wrong_values(of_the_file, group, variant, hidden, machine, mask),
         expected=expected_verdicts(group, variant),
         plan=plan,
         feed_forward=feed_forward,
     )
-    joints = [_place(rng, rig, name) for name in names]
-    actives = [_open_effect(rng, name, j, scales[j]) for name, j in zip(names, joints, strict=True)]
-    if group == "clean" and variant == "in_model":
-        case.in_model = [_for_model(active) for active in actives]
-    else:
-        case.effects = actives
-    case.targets = [strength] * len(actives)
-    if group == "clean" and variant == "parameter_off":
-        _set_parameter_off(rng, case)
-    if variant == "other_robot":
-        case.told = misjudged(rng, rig.draw(rng), 0.01)
-    return case
-
-
-def _place(rng: np.random.Generator, rig: Rig, name: str) -> int:
-    """The joint an effect sits on: a load hangs on the last one, the base carries the first one."""
-    drawn = int(
-        rng.integers(1 if name == "motor_coupling" else 0, rig.joints)
-    )  # a joint and the one before it
-    return {"payload": rig.joints - 1, "gravity_tilt": 0}.get(name, drawn)
-
-
-def _open_effect(rng: np.random.Generator, name: str, joint: int, scale: Scale) -> Active:
-    """An effect with its shape drawn and its size in the middle of what is plausible."""
-    effect = EFFECTS[name]
-    shape = effect.draw(rng, scale)
-    low, high = effect.sizes(scale, shape)
-    middle = float(np.sqrt(low * high)) if low > 0.0 else 0.5 * (low + high)
-    return Active(name, joint, shape | {effect.size: middle})
-
-
-def _for_model(active: Active) -> Active:
-    """What the model file can say exactly: no speed slope of a clip."""
-    if active.name == "saturation":
-        return replace(active, values=active.values | {"no_load_speed": 1e9})
-    return active
-
-
-def _set_parameter_off(rng: np.random.Generator, case: Case) -> None:
-    """One wrong value in the model file or in the stated controller; its size is set by calibration."""
-    usable = [
-        p
-        for p in PARAMETERS
-        if p not in ("viscous", "coulomb", "armature") or getattr(case.machine, p)[0] > 0.0
-    ]
-    case.parameters_off = [
-        {
-            "name": str(rng.choice(usable)),
-            "joint": int(rng.integers(case.rig.joints)),
-            "relative": float(rng.choice([-1.0, 1.0])) * 0.1,
-        }
-    ]
-    case.targets = [float(rng.choice([4.0, 10.0]))]
 
 
 def feed_forward_of_the_file(case: Case) -> None:
@@ -207,9 +162,18 @@ def feed_forward_of_the_file(case: Case) -> None:
     Fed forward from what the file would be without them, the noise-free column would give away that they are there.
     """
     if case.feed_forward and (case.parameters_off or case.in_model):
-        told = altered_machine(case.rig, with_parameters_off(case)[0], case.in_model)
-        paths = {role: motion.q_cmd for role, motion in case.motions.items()}
+        told, paths = machine_of_the_file(case), {role: motion.q_cmd for role, motion in case.motions.items()}
         case.motions = {r: motion_along(case.rig, told, q, case.feed_forward) for r, q in paths.items()}
+
+
+def machine_of_the_file(case: Case) -> Machine:
+    """The machine of the model file: as believed, with wrong values, and with what of it is built in as a number."""
+    told = altered_machine(case.rig, with_parameters_off(case)[0], case.in_model)
+    coulomb = told.coulomb.copy()
+    for active in case.in_model:
+        if active.name == "coulomb_friction":
+            coulomb[active.joint] += active.values["friction"]
+    return replace(told, coulomb=coulomb)
 
 
 def with_parameters_off(case: Case) -> tuple[Machine, Controller]:

@@ -129,12 +129,8 @@ def run(folder: Path, command: str, workers: int, timeout_s: float, batch: bool,
 def score(folder: Path, key: Path, out: Path | None) -> None:
     """Open the answers and make the table; refused until every verdict is hashed."""
     from s2r_conceal.score_files import score_folder
-    from s2r_conceal.seal import MANIFEST, files_are_sealed
+    from s2r_conceal.seal import weaknesses
 
     click.echo(score_folder(folder, key, out or folder / "score"))
-    if not files_are_sealed(folder):
-        click.echo(
-            f"this set is of an older version: its seal holds the answers alone, and only {MANIFEST} says what its "
-            "recordings and models were",
-            err=True,
-        )
+    for weakness in weaknesses(folder):
+        click.echo(f"this set is of an older version: {weakness}", err=True)

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from s2r_conceal.calibrate import REDRAWN, Measured, calibrate, usable
+from s2r_conceal.calibrate import REDRAWN, calibrate, usable
 from s2r_conceal.cases import Case, draw_cases, redraw
 from s2r_conceal.errors import DrawError, SealError
 from s2r_conceal.half_drawn import begin, end, keep, kept
@@ -22,6 +22,7 @@ from s2r_conceal.motions import DURATION_S
 from s2r_conceal.plant import SUBSTEPS
 from s2r_conceal.record import record
 from s2r_conceal.seal import Key, publish
+from s2r_conceal.strength import Measured
 from s2r_conceal.write import write_case
 
 REDRAWS = 3

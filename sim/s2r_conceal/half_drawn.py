@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from s2r_conceal.errors import DrawError, SealError
-from s2r_conceal.seal import MANIFEST, Key, hashes_of, open_sealed, seal
+from s2r_conceal.seal import MANIFEST, SCHEMA, Key, hashes_of, open_sealed, seal
 
 UNFINISHED = "unfinished"
 
@@ -44,7 +44,7 @@ def begin(out: Path, key_file: Path, seed: int | None, asked: dict[str, Any]) ->
         if used:
             raise DrawError(f"{out} is not empty; draw into a new folder")
         chosen = secrets.randbits(63) if seed is None else seed
-        key = Key.fresh({"seed": chosen, **asked}, unfinished=True)
+        key = Key.fresh({"seed": chosen, **asked, "schema": SCHEMA}, unfinished=True)
         key.write(key_file)
     else:
         key = Key.read(key_file)
@@ -55,6 +55,11 @@ def begin(out: Path, key_file: Path, seed: int | None, asked: dict[str, Any]) ->
         if used and not begun:
             raise DrawError(
                 f"{out} holds something, and not the draw that {key_file} was begun for; name its folder"
+            )
+        if key.drawn_with.get("schema") != SCHEMA:
+            raise DrawError(
+                f"the draw into {out} was begun by another version, which draws other cases: draw into a new folder "
+                "with another --key"
             )
         _refuse_other_options(out, key, asked if seed is None else {"seed": seed, **asked})
     (out / UNFINISHED).mkdir(parents=True, exist_ok=True)

@@ -76,7 +76,9 @@ def for_arm(rng: np.random.Generator, mask: Mask) -> Mask:
     """Arms are logged at many rates, and often by whoever does not know the gains."""
     rate_hz = mask.rate_hz if mask.rate_hz < 100.0 else float(rng.choice(ARM_RATES_HZ))
     jitter_s = 0.4 / rate_hz if mask.jitter_s > 0.0 else 0.0
-    return replace(mask, rate_hz=rate_hz, jitter_s=jitter_s, no_law=bool(rng.random() < NO_LAW_SHARE))
+    # Where there is no effort either, nothing would drive the simulation.
+    no_law = bool(rng.random() < NO_LAW_SHARE) and not mask.no_effort
+    return replace(mask, rate_hz=rate_hz, jitter_s=jitter_s, no_law=no_law)
 
 
 def rows(mask: Mask, ticks: int, rate_hz: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

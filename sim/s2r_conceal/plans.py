@@ -16,7 +16,6 @@ CLEAN_VARIANTS = ("plain", "parameter_off", "in_model")
 INSUFFICIENT_VARIANTS = ("still", "one_way", "crawl")
 MASKED_VARIANTS = ("high_gain", "no_effort")
 WRONG_LOGS = ("other_robot", "degrees", "swapped_joints")
-IN_MODEL = ("armature", "payload", "gravity_tilt", "spring_return", "saturation", "coulomb_friction")
 
 Plan = tuple[str, tuple[str, ...], float]  # variant, effect names, strength
 
@@ -44,7 +43,7 @@ def plans_of(rng: np.random.Generator, rig: Rig, group: str, count: int) -> Iter
                 ("", _together(rng, names, size), float(rng.choice([4.0, 10.0]))) for _ in range(count)
             )
         case "clean":
-            yield from ((CLEAN_VARIANTS[k % 3], _decoy(rng, k), 6.0) for k in range(count))
+            yield from ((CLEAN_VARIANTS[k % 3], (), 0.0) for k in range(count))
         case "insufficient":
             yield from ((INSUFFICIENT_VARIANTS[k % 3], (str(rng.choice(names)),), 0.7) for k in range(count))
         case _:
@@ -61,10 +60,6 @@ def _cycle(rng: np.random.Generator, items: list, count: int) -> list:
     return picked[:count]
 
 
-def _decoy(rng: np.random.Generator, k: int) -> tuple[str, ...]:
-    return (str(rng.choice(IN_MODEL)),) if CLEAN_VARIANTS[k % 3] == "in_model" else ()
-
-
 def _together(rng: np.random.Generator, names: tuple[str, ...], size: int) -> tuple[str, ...]:
     """Names that are not declared to look alike, and at most one compliant transmission."""
     transmissions = {"backlash", "joint_elasticity"}
@@ -76,7 +71,7 @@ def _together(rng: np.random.Generator, names: tuple[str, ...], size: int) -> tu
 
 
 def expected_verdicts(group: str, variant: str) -> tuple[str, ...]:
-    """Verdicts (or ``refused``) that are right for a case of this group and variant."""
+    """Verdicts (or ``refused``) that are right for a case of this group and variant whose effort is recorded."""
     match group, variant:
         case "clean", "parameter_off":
             return ("parameter_off",)
@@ -85,8 +80,6 @@ def expected_verdicts(group: str, variant: str) -> tuple[str, ...]:
         case "unknown", _:
             return ("unknown",)
         case "insufficient", _:
-            return ("insufficient",)
-        case "masked", "no_effort":
             return ("insufficient",)
         case "wrong_log", _:
             return ("refused", "unknown")

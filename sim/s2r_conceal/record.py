@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from s2r_conceal.calibrate import DISTINCT_ENOUGH, Measured
 from s2r_conceal.cases import ROLES, Case, with_parameters_off
 from s2r_conceal.effects.table import EFFECTS, finish_log
 from s2r_conceal.masks import rows
 from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.plant import Column, Trace, simulate
 from s2r_conceal.streams import Purpose, stream, words
+from s2r_conceal.strength import DISTINCT_ENOUGH, Measured
 
 ACTIVE_SHARE = 0.2  # an effect is at work where its contribution exceeds this share of its 98th percentile
 MERGE_S = 0.06  # intervals closer than this are one, as each is widened by half of it; below a sixth they are dropped
@@ -87,7 +87,7 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         "rig": case.rig.name,
         "group": case.group,
         "variant": case.variant,
-        "expected": _expected(case, measured),
+        "expected": expected_of(case, measured),
         "stable": not blown,
         "masks": case.mask.names(),
         "floor": {"q_rmse": _worst(floor_q), "tau_rmse": _worst(floor_tau)},
@@ -104,19 +104,28 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         ],
         "in_model": [{"name": a.name, "joint": case.rig.joint_names[a.joint]} for a in case.in_model],
         "parameters_off": [
-            entry | {"joint": case.rig.joint_names[int(entry["joint"])], "strength": measured.strength.get(0)}
-            for entry in case.parameters_off
+            entry | {"joint": case.rig.joint_names[int(entry["joint"])], "strength": strength}
+            for entry, strength in zip(case.parameters_off, measured.off, strict=True)
         ],
     }
     return Recorded(case, recordings, truth)
 
 
-def _expected(case: Case, measured: Measured) -> list[str]:
-    """Right verdicts; where position alone shows the effect well, a name is right even without effort."""
+def expected_of(case: Case, measured: Measured) -> list[str]:
+    """Right verdicts; without effort and gains those that positions allow.
+
+    Whoever has positions alone sees nothing of an effect that the loop takes up, so that nobody can exclude one on a
+    clean machine either.
+    """
     expected = list(case.expected)
-    if case.mask.no_effort and max(measured.strength_q.values(), default=0.0) >= DISTINCT_ENOUGH:
-        expected.append("physics_missing")
-    return expected
+    if not case.mask.no_effort:
+        return expected
+    if not case.effects:
+        return [*expected, "insufficient"]
+    if max(measured.distinct_q.values()) >= DISTINCT_ENOUGH:
+        return expected
+    seen = max(measured.strength_q.values()) >= DISTINCT_ENOUGH  # though other gains could explain it
+    return ["insufficient", *expected] if seen else ["insufficient"]
 
 
 def _rms(x: np.ndarray) -> np.ndarray:
@@ -189,6 +198,7 @@ def _effect_truth(case: Case, k: int, measured: Measured, shown: _Shown) -> dict
         "strength": measured.strength.get(k),
         "strength_q": measured.strength_q.get(k),
         "distinct": distinct,
+        "distinct_q": measured.distinct_q.get(k),
         "decidable": bool(distinct >= 1.0),
         "clear": bool(distinct >= DISTINCT_ENOUGH),
         "regime": _regime(at_work, active.joint, shown) | {"words": effect.words},

@@ -4,7 +4,8 @@
 long as the text) under HMAC-SHA-256, encrypt-then-MAC.  The text holds the answers and SHA-256 of every file the tool
 gets.  Before anything is run, ``manifest.json`` holds SHA-256(salt ‖ text) and the same hashes of the files in the
 open: who changes a recording can write its new hash there, but not under the seal.  The salt lies inside the key file,
-so the hash cannot be searched by redrawing small seeds.  In sets of schema 1 the text holds the answers alone.
+so the hash cannot be searched by redrawing small seeds.  In sets of schema 1 the text holds the answers alone; in
+those of schema 2 what a model file has built in and whether effort is recorded depend on what is hidden.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from s2r_conceal.errors import SealError, VerdictsMissingError
 from s2r_protocol.whole_file import write_whole
 
 SEALED, MANIFEST, VERDICTS = "answers.sealed", "manifest.json", "verdicts.json"
-SCHEMA = 2  # from which on the hashes of the files are under the seal
+SCHEMA = 3  # of what is drawn and of what is sealed
 _TAG_BYTES, _NONCE_BYTES = 32, 16
 
 
@@ -290,6 +291,16 @@ def _check_listed(listed: dict[str, dict[str, str]], sealed: dict[str, dict[str,
             )
 
 
-def files_are_sealed(folder: Path) -> bool:
-    """Whether the seal of a set, once opened, vouches for its recordings and models too."""
-    return read_manifest(folder).get("schema") != 1
+def weaknesses(folder: Path) -> list[str]:
+    """What a set of an older version proves less than one drawn now, a sentence each."""
+    schema, found = read_manifest(folder).get("schema"), []
+    if schema == 1:
+        found.append(
+            f"its seal holds the answers alone, and only {MANIFEST} says what its recordings and models were"
+        )
+    if schema in (1, 2):
+        found.append(
+            "files with something built in and files without effort were drawn for some groups only, so that they "
+            "told the answer"
+        )
+    return found

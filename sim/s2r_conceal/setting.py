@@ -13,13 +13,18 @@ from s2r_conceal.parameters import Controller, Heating, Machine, Motion, Scale, 
 from s2r_conceal.rigs import Rig
 
 BARE_SHARE, BARE_ARMATURE = 0.4, 0.2
+CLEAN_WITHOUT_EFFORT = (
+    0.15  # of the clean cases without a wrong value: a tenth of all, about as many as hide something
+)
 
 
 def mask_for(rng: np.random.Generator, group: str, variant: str, names: tuple[str, ...]) -> Mask:
     """What distorts the recordings of a case, drawn so that it fits its group."""
-    if group == "masked":
-        mask = draw_mask(rng, ("high_gain",))
-        return replace(mask, no_effort=variant == "no_effort")
+    without = variant == "no_effort"
+    if group == "clean" and variant != "parameter_off":
+        without = rng.random() < CLEAN_WITHOUT_EFFORT
+    if group == "masked" or without:  # clean ones without effort are recorded as those that hide something
+        return replace(draw_mask(rng, ("high_gain",)), no_effort=without)
     if group == "wrong_log":
         return draw_mask(rng, ())
     kinds = tuple(str(k) for k in rng.choice(KINDS, int(rng.integers(0, 3)), replace=False))

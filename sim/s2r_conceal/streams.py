@@ -18,6 +18,7 @@ class Purpose(IntEnum):
     PLANS = 1  # none
     CASE = 2  # case, attempt
     ARM_LOG = 3  # case, attempt
+    FILE = 4  # case, attempt
     NOISE = 5  # case, attempt, recording
     FLOOR_NOISE = 6  # case, attempt, run
     ROWS = 7  # case, attempt, recording

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from s2r_conceal.cases import Case, with_parameters_off
-from s2r_conceal.effects.table import altered_machine
+from s2r_conceal.cases import Case, machine_of_the_file, with_parameters_off
 from s2r_conceal.mjcf import numbers
 from s2r_conceal.plant import Active
 from s2r_conceal.record import Recorded, Recording
@@ -26,16 +24,11 @@ def write_case(folder: Path, recorded: Recorded) -> None:
 
 
 def model_file(case: Case) -> str:
-    """The MJCF: stated values, plus the effects that a decoy has already built in."""
-    told, _ = with_parameters_off(case)
-    told = altered_machine(case.rig, told, case.in_model)
-    told = replace(told, coulomb=told.coulomb.copy())  # the case's own stays what was believed before
+    """The MJCF: stated values, plus the effects that are built into it."""
     attributes: list[dict[str, str]] = [{"stiffness": "0", "springref": "0"} for _ in case.rig.joint_names]
     for active in case.in_model:
-        if active.name == "coulomb_friction":
-            told.coulomb[active.joint] += active.values["friction"]
         attributes[active.joint] |= _attributes(active)
-    return case.rig.mjcf(told, attributes)
+    return case.rig.mjcf(machine_of_the_file(case), attributes)
 
 
 def _attributes(active: Active) -> dict[str, str]:

@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from refusals import told_by
 
-from s2r_conceal.calibrate import Measured
-from s2r_conceal.cases import Case, draw_cases
+from s2r_conceal.cases import Case, draw_cases, machine_of_the_file
 from s2r_conceal.draw import calibrated
 from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.record import record
 from s2r_conceal.score_case import score_case
 from s2r_conceal.score_files import read_track
 from s2r_conceal.setting import motion_along
+from s2r_conceal.strength import Measured
 from s2r_conceal.write import sidecar, table_text, write_case
 from s2r_host.gap.verdict.naming import EQUIVALENT
 from s2r_protocol.cli.conditions import keep_to
@@ -78,7 +78,7 @@ def played(case: Case, measured: Measured, proposed: Path, place: Path) -> list[
     table = read_track(proposed)
     t = np.arange(round(table["t"][-1] * RATE_HZ)) / RATE_HZ
     q = np.stack([np.interp(t, table["t"], table[f"q_cmd.{n}"]) for n in case.rig.joint_names], axis=1)
-    motion = motion_along(case.rig, case.told, q, case.feed_forward)
+    motion = motion_along(case.rig, machine_of_the_file(case), q, case.feed_forward)
     again = replace(case, seed=(*case.seed[:2], 77), motions=dict.fromkeys(case.motions, motion))
     names = ["experiment", "experiment-again"]
     if not all((place / f"{n}.csv").is_file() for n in names):

@@ -21,6 +21,9 @@ EFFECTS: dict[str, Effect] = {
 KNOWN: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if effect.known)
 UNKNOWN: tuple[str, ...] = tuple(name for name, effect in EFFECTS.items() if not effect.known)
 
+# Effects that are a wrong value of the model file, the torque constant or the encoder's zero, or work as one does.
+PARAMETER_LIKE: tuple[str, ...] = ("payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset")
+
 # Names of the contract that need an articulated part in the arm's hand; they come with the arm-and-object rigs.
 NEEDS_OBJECT: tuple[str, ...] = ("joint_play", "flexible_part", "contact_slip")
 

@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -18,14 +19,16 @@ from s2r_conceal.cases import draw_cases, redraw
 from s2r_conceal.cli import conceal
 from s2r_conceal.effects.table import EFFECTS
 from s2r_conceal.errors import ConcealError, DrawError, SealError, ToolFailedError
+from s2r_conceal.half_drawn import begin
 from s2r_conceal.masks import Mask, rows
 from s2r_conceal.plans import CLEAN_VARIANTS, GROUPS, possible
-from s2r_conceal.record import active_mask, record
+from s2r_conceal.record import active_mask, expected_of, record
 from s2r_conceal.rigs import rig_named
 from s2r_conceal.run import run_all, run_batched
 from s2r_conceal.score_files import read_track, score_folder
 from s2r_conceal.seal import Key, read_manifest, unseal
 from s2r_conceal.streams import Purpose, words
+from s2r_conceal.strength import Floor, Measured
 from s2r_conceal.write import model_file, sidecar
 
 COUNTS = {"single": 2, "clean": 3, "masked": 2, "insufficient": 1}
@@ -166,10 +169,12 @@ def test_the_strength_of_a_wrong_value_is_that_of_the_value_in_the_file():
     cases = [c for c in draw_cases(8, "one_joint", {"clean": 30}, 2.0) if c.parameters_off]
     for case in cases:
         case.parameters_off[0]["relative"] = 1e-5  # so far off that the search does not get there
+    motions = [c.motions for c in cases]  # before the effort of the file is fed forward
     told = calibrate(cases)
     written = [c.parameters_off[0]["relative"] for c in cases]
-    for case, measured in zip(cases, told, strict=True):
-        case.targets = [measured.strength[0]]  # a search for what is there already changes nothing
+    for case, measured, before in zip(cases, told, motions, strict=True):
+        case.motions = before
+        case.parameters_off[0]["target"] = measured.off[0]  # a search for what is there changes nothing
     calibrate(cases)
     assert [c.parameters_off[0]["relative"] for c in cases] == written
 
@@ -197,6 +202,119 @@ def test_what_is_fed_forward_is_the_effort_of_the_model_file_in_every_group():
             data.qpos, data.qvel, data.qacc = motion.q_cmd[k], motion.dq_cmd[k], ddq[k]
             mujoco.mj_inverse(model, data)
             assert data.qfrc_inverse == pytest.approx(motion.tau_ff[k], rel=1e-3, abs=1e-3), case.variant
+
+
+EVERY_GROUP = {
+    "single": 200,
+    "clean": 300,
+    "unknown": 100,
+    "pairs": 100,
+    "masked": 100,
+    "insufficient": 60,
+    "wrong_log": 60,
+}
+
+
+@pytest.fixture(scope="module")
+def many():
+    """Cases of every group, short and not yet calibrated."""
+    return draw_cases(9, "one_joint", EVERY_GROUP, 1.0)
+
+
+def _shows_something_built_in(text):
+    return 'stiffness="0"' not in text or "actuatorfrcrange" in text or 'gravity="0 0 -9.81"' not in text
+
+
+def test_what_a_model_file_shows_to_be_built_in_tells_no_group(many):
+    shown = {group: [] for group in EVERY_GROUP} | {variant: [] for variant in CLEAN_VARIANTS}
+    for case in many:
+        found = _shows_something_built_in(model_file(case))
+        shown[case.group].append(found)
+        if case.group == "clean":
+            shown[case.variant].append(found)
+    share = np.mean([found for group in EVERY_GROUP for found in shown[group]])
+    assert 0.2 < share < 0.3
+    for name, found in shown.items():
+        assert abs(np.mean(found) - share) < 3.0 * np.sqrt(share * (1.0 - share) / len(found)), name
+
+
+def test_every_clean_case_of_its_kind_has_something_built_in(many):
+    assert all(case.in_model for case in many if case.variant == "in_model")
+
+
+def test_what_is_built_in_is_not_hidden_again_on_the_same_joint(many):
+    both = [c for c in many if c.effects and c.in_model]
+    assert len(both) > 100
+    for case in both:
+        assert not {(a.name, a.joint) for a in case.effects} & {(a.name, a.joint) for a in case.in_model}
+
+
+def test_wrong_values_stand_beside_hidden_effects_that_can_be_told_from_them(many):
+    beside = [c for c in many if c.parameters_off and c.effects]
+    assert {"single", "unknown", "pairs", "masked"} == {c.group for c in beside}
+    hidden = {a.name for c in beside for a in c.effects}
+    assert not hidden & {"payload", "armature", "effort_scale", "gravity_tilt", "encoder_offset"}
+    assert all(c.expected == ("physics_missing",) for c in beside if c.group != "unknown")
+
+
+def test_a_built_in_clip_does_not_act_where_the_motion_is_to_show_nothing():
+    cases = draw_cases(3, "one_joint", {"insufficient": 90}, 1.0)
+    clips = [a for c in cases for a in c.in_model if a.name == "saturation"]
+    assert clips
+    assert all(a.values["reduction"] < 0.0 for a in clips)
+
+
+def test_a_hidden_effect_has_its_strength_beside_what_is_built_in(many):
+    names = ("viscous_friction", "cogging", "armature", "stribeck")
+    case = next(c for c in many if c.group == "single" and c.in_model and c.effects[0].name in names)
+    copies = [replace(case, effects=list(case.effects), in_model=list(case.in_model)) for _ in range(2)]
+    copies[1].in_model.clear()
+    beside, alone = calibrate(copies)
+    assert beside.strength[0] == pytest.approx(alone.strength[0], rel=0.2)
+    assert beside.strength[0] != alone.strength[0]
+
+
+def test_files_without_effort_are_of_clean_machines_as_often_as_of_others(many):
+    without = [c for c in many if sidecar(c, "fit")["controller"]["type"] == "position_servo"]
+    clean = [c for c in without if c.group == "clean"]
+    assert 0.2 < len(clean) / len(without) < 0.6
+    assert {c.group for c in without} == {"clean", "masked"}
+    assert all(c.mask == replace(c.mask, high_gain=True, rate_hz=250.0, dropped=0.0) for c in without)
+
+
+def _case_without_effort(many, group):
+    return next(c for c in many if c.group == group and c.mask.no_effort)
+
+
+@pytest.mark.parametrize(
+    ("seen", "distinct", "right"),
+    [
+        (1.0, 0.5, ["insufficient"]),
+        (4.0, 1.0, ["insufficient", "physics_missing"]),  # other gains would move positions as much
+        (4.0, 2.0, ["physics_missing"]),
+    ],
+)
+def test_without_effort_it_is_insufficient_only_what_positions_do_not_show(many, seen, distinct, right):
+    floor = Floor(np.ones(1), np.ones(1))
+    measured = Measured(floor, strength_q={0: seen}, distinct_q={0: distinct})
+    assert expected_of(_case_without_effort(many, "masked"), measured) == right
+
+
+def test_on_a_clean_machine_without_effort_nobody_has_to_vouch_for_what_positions_do_not_show(many):
+    case = _case_without_effort(many, "clean")
+    assert expected_of(case, Measured(Floor(np.ones(1), np.ones(1)))) == ["nothing_missing", "insufficient"]
+
+
+def test_gains_that_are_not_told_explain_a_wrong_torque_constant():
+    cases = draw_cases(7, "one_joint", {"masked": 120}, 2.0)
+    scaled = [c for c in cases if c.mask.no_effort and c.effects[0].name == "effort_scale"][:1]
+    (measured,) = calibrate(scaled)
+    assert measured.distinct_q[0] < 0.1 * measured.distinct[0]
+
+
+def test_arms_without_effort_have_commands_for_their_input():
+    cases = draw_cases(1, "two_link", {"masked": 24}, 0.2)
+    assert {sidecar(c, "fit")["input"] for c in cases if c.mask.no_effort} == {"q_cmd"}
 
 
 def test_no_noise_comes_from_the_stream_that_its_case_was_drawn_from():
@@ -361,6 +479,19 @@ def test_an_interrupted_draw_goes_on_with_its_own_options_and_key_only(interrupt
         draw.draw_set(
             3, "one_joint", {"clean": 3}, tmp_path / "new", whole.with_suffix(".key"), duration_s=0.5
         )
+
+
+def test_a_draw_that_another_version_began_is_not_gone_on_with(tmp_path):
+    out, key = tmp_path / "set", tmp_path / "set.key"
+    begin(out, key, 3, {"cases": {"clean": 3}})
+    assert begin(out, key, None, {"cases": {"clean": 3}}).drawn_with["seed"] == 3
+    body = json.loads(key.read_text())
+    del body["drawn_with"]["schema"]
+    key.write_text(json.dumps(body))
+    with pytest.raises(
+        DrawError, match=r"begun by another version, which draws other cases: draw into a new"
+    ):
+        begin(out, key, 3, {"cases": {"clean": 3}})
 
 
 def test_a_key_inside_the_set_is_refused(tmp_path):

@@ -11,7 +11,6 @@ from s2r_conceal.seal import (
     VERDICTS,
     Key,
     check_files,
-    files_are_sealed,
     hash_verdicts,
     open_answers,
     publish,
@@ -20,6 +19,7 @@ from s2r_conceal.seal import (
     seal,
     sha256,
     unseal,
+    weaknesses,
 )
 
 ANSWERS = {"case-0001": {"effects": ["backlash"]}, "case-0002": {"effects": []}}
@@ -199,12 +199,15 @@ def _as_an_older_version(folder, key_file):
 
 def test_a_set_of_an_older_version_is_still_opened_and_told_apart(sealed_set):
     folder, key = sealed_set
-    assert files_are_sealed(folder)
+    assert weaknesses(folder) == []
     _as_an_older_version(folder, key)
     publish_verdicts(folder)
     assert open_answers(folder, key) == ANSWERS
-    assert not files_are_sealed(folder)
+    alone, told = weaknesses(folder)
+    assert "its seal holds the answers alone" in alone
     (folder / MANIFEST).write_text(json.dumps(read_manifest(folder) | {"schema": 2}))
+    assert weaknesses(folder) == [told]
+    assert "for some groups only, so that they told the answer" in told
     with pytest.raises(SealError, match="no hashes of its files"):
         open_answers(folder, key)
 
