@@ -149,8 +149,9 @@ def carry(
     Returns:
         Costs, shape (hypotheses, points).
     """
-    p = np.einsum("hij,nj->hni", X[:, :3, :3], part.points) + X[:, None, :3, 3]
-    n = np.einsum("hij,nj->hni", X[:, :3, :3], part.normals)
+    turned = X[:, :3, :3].transpose(0, 2, 1)  # by matmul: einsum's plain loops took a fifth of an estimate
+    p = part.points @ turned + X[:, None, :3, 3]
+    n = part.normals @ turned
     h, m = p.shape[:2]
     sigma = np.broadcast_to(part.sigma_m, (h, m)).ravel()
     found = view.look(p.reshape(-1, 3), sigma, extra_m)
