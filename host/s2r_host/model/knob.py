@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from s2r_host.model.pieces import Piece, box, hull
-from s2r_host.perception.knob_outline import KnobOutline
+
+if TYPE_CHECKING:
+    from s2r_host.perception.knob_outline import KnobOutline
 
 THICK_M = 0.012  # of spokes, which no camera tells; a fingertip meets them near their top
 CORNERS = 16  # of the prism that stands for the hub

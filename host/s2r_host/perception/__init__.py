@@ -4,12 +4,27 @@ Start at `estimate.estimate_joint`, or at `several.estimate_joints` if more than
 reads files.
 """
 
-from s2r_host.perception.errors import AbstainError, BadViewError, InputError
-from s2r_host.perception.estimate import JointEstimate, estimate_joint
-from s2r_host.perception.frames import Cloud, DepthFrame
-from s2r_host.perception.loading import load_frame
-from s2r_host.perception.motion import JointMotion
-from s2r_host.perception.several import estimate_joints
+from typing import TYPE_CHECKING
+
+from s2r_host.late_names import late_names
+
+if TYPE_CHECKING:
+    from s2r_host.perception.errors import AbstainError, BadViewError, InputError
+    from s2r_host.perception.estimate import JointEstimate, estimate_joint
+    from s2r_host.perception.frames import Cloud, DepthFrame
+    from s2r_host.perception.loading import load_frame
+    from s2r_host.perception.motion import JointMotion
+    from s2r_host.perception.several import estimate_joints
+else:
+    __getattr__ = late_names(
+        __name__,
+        errors=("AbstainError", "BadViewError", "InputError"),
+        estimate=("JointEstimate", "estimate_joint"),
+        frames=("Cloud", "DepthFrame"),
+        loading=("load_frame",),
+        motion=("JointMotion",),
+        several=("estimate_joints",),
+    )
 
 __all__ = [
     "AbstainError",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from s2r_host.perception.evidence import (
 )
 from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.intervals import Z90, Intervals, intervals90
-from s2r_host.perception.knob_outline import KnobOutline
 from s2r_host.perception.lever_outline import LeverOutline, lever_outline
 from s2r_host.perception.lever_shape import LeverShape
 from s2r_host.perception.levers import line_within
@@ -50,6 +49,9 @@ from s2r_host.perception.verdict import (
 from s2r_host.perception.view import CloudView, DepthView, View
 from s2r_host.perception.wishes import Wishes
 from s2r_protocol.targets import JointType
+
+if TYPE_CHECKING:
+    from s2r_host.perception.knob_outline import KnobOutline
 
 logger = logging.getLogger(__name__)
 
