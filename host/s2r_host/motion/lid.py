@@ -5,20 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 from scipy import ndimage
 
 from s2r_host.errors import SceneError
 from s2r_host.motion.scene import Scene
 
-FLAT_COS = 0.95  # planes nearer to level than 18 degrees are the base or the table, not a lid
-PLANE_BAND_M = 0.005
 MIN_AREA_M2 = 0.008
 CELL_M = 0.006
 PATCH_CELL_M = 0.012  # points further apart than about two of these do not belong to one lid
 BASE_BAND_M = 0.06  # the base reaches at most this high above the hinge
 BASE_REACH_M = (0.03, 0.35)
-PLANES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +74,11 @@ def find_lid(scene: Scene) -> Lid:
     Raises:
         SceneError: There is none.
     """
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(scene.p_base)).voxel_down_sample(CELL_M)
-    points = np.asarray(cloud.points)
-    o3d.utility.random.seed(0)
+    from s2r_host.motion.steep_planes import steep_planes  # loads Open3D, which drawers and levers do without
+
+    points, planes = steep_planes(scene.p_base, CELL_M, MIN_AREA_M2)
     reasons: list[str] = []
-    for plane in _planes(points):
+    for plane in planes:
         found = _lid(points, plane, scene.p_camera)
         if isinstance(found, Lid):
             return found
@@ -91,27 +87,6 @@ def find_lid(scene: Scene) -> Lid:
         f"no lid in view: {'; '.join(reasons) or 'no inclined plane'}. Needed is an inclined plane of at least "
         f"{1e4 * MIN_AREA_M2:.0f} cm² with a level lower edge and a base before or behind it"
     )
-
-
-def _planes(points: np.ndarray) -> list[np.ndarray]:
-    """Masks of the largest planes that are not level, largest first."""
-    left = np.ones(len(points), bool)
-    found: list[np.ndarray] = []
-    for _ in range(PLANES):
-        index = np.flatnonzero(left)
-        if len(index) * CELL_M**2 < MIN_AREA_M2:
-            break
-        rest = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points[index]))
-        (a, b, c, _), inliers = rest.segment_plane(PLANE_BAND_M, ransac_n=3, num_iterations=1000)
-        members = index[np.asarray(inliers, int)]
-        left[members] = False
-        if len(members) * CELL_M**2 < MIN_AREA_M2:
-            break
-        if abs(c) / np.linalg.norm([a, b, c]) < FLAT_COS:
-            mask = np.zeros(len(points), bool)
-            mask[members] = True
-            found.append(mask)
-    return sorted(found, key=lambda mask: -int(mask.sum()))
 
 
 def _largest_patch(members: np.ndarray) -> np.ndarray:

@@ -49,3 +49,7 @@ def test_the_public_names_of_a_package_are_there_and_others_are_told_as_missing(
         f"from s2r_host.{package} import *; import s2r_host.{package} as p; assert not hasattr(p, 'joint')"
     )
     assert "scipy" in loaded_by(statement)
+
+
+def test_a_run_loads_open3d_only_where_it_looks_for_a_lid():
+    assert not {"open3d", "dash"} & loaded_by("import s2r_host.run.pipeline")
