@@ -71,6 +71,7 @@ class CameraLink:
             BadViewError: It can, and is no measurement.
         """
         from s2r_host.perception.frames import DepthFrame
+        from s2r_host.perception.view_checks import check_centred
 
         body = self._request(camera, timeout_s)
         if body.error:
@@ -82,6 +83,7 @@ class CameraLink:
                 f"{self._who(camera)} sent frame {body.index}, which is damaged: {error}; look at the camera's process"
             ) from error
         frame = DepthFrame(depth_m, K, X_base_camera, colour)
+        check_centred(K, depth_m.shape)
         return Capture(camera, body.stamp_ns, body.index, frame, body.world_commitment)
 
     def close(self) -> None:

@@ -10,13 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.perception.errors import BadViewError
+from s2r_host.perception.view_checks import (
+    check_colour,
+    check_depth,
+    check_pinhole,
+    check_points,
+    check_pose,
+)
 
 FloatArray = NDArray[np.floating]
 
-NEAREST_M = 0.05
-FARTHEST_M = 20.0
-FEWEST_POINTS = 200
 LEAST_AHEAD_M = 1e-3  # of the camera, for a point to have a pixel
 
 
@@ -37,10 +40,11 @@ class DepthFrame:
     colour: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        _check_depth(self.depth_m)
-        _check_camera(self.K, self.X_base_camera, self.depth_m.shape)
+        check_depth(self.depth_m)
+        check_pinhole(self.K)
+        check_pose(self.X_base_camera)
         if self.colour is not None:
-            _check_colour(self.colour, self.depth_m.shape)
+            check_colour(self.colour, self.depth_m.shape)
 
     def points_base(self) -> NDArray[np.floating]:
         """Every pixel as a point in the base frame [m], shape (h, w, 3); NaN where there is no return."""
@@ -63,7 +67,7 @@ class Cloud:
     colour: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        _check_points(self.points)
+        check_points(self.points)
 
 
 def backproject(
@@ -103,96 +107,3 @@ def project(
     z = p_C[..., 2]
     ahead = np.where(z > LEAST_AHEAD_M, z, np.nan)[..., None]
     return p_C[..., :2] / ahead * [K[0, 0], K[1, 1]] + K[:2, 2], z
-
-
-def _check_depth(depth_m: FloatArray) -> None:
-    if depth_m.ndim != 2 or depth_m.size == 0:
-        raise BadViewError(f"depth has shape {depth_m.shape}; expected a (height, width) image in metres")
-    if not np.isfinite(depth_m).all():
-        bad = int((~np.isfinite(depth_m)).sum())
-        raise BadViewError(
-            f"depth holds {bad} values that are not finite; write 0 where the camera has no return"
-        )
-    valid = depth_m[depth_m != 0]
-    if valid.size < FEWEST_POINTS:
-        raise BadViewError(
-            f"depth holds {valid.size} returns, at least {FEWEST_POINTS} are needed; is the view empty?"
-        )
-    _check_range("depth", valid)
-
-
-def _check_colour(colour: NDArray[np.generic], shape: tuple[int, ...]) -> None:
-    if colour.shape != (*shape, 3) or colour.dtype != np.uint8:
-        raise BadViewError(
-            f"colour is {colour.dtype} with shape {colour.shape}; expected uint8 with shape {(*shape, 3)},"
-            " a colour per pixel of the depth: convert it, or leave it out"
-        )
-
-
-def _check_range(what: str, distance_m: FloatArray) -> None:
-    if distance_m.min() < 0:
-        raise BadViewError(f"{what} holds negative values (least {distance_m.min():.3g} m)")
-    median = float(np.median(distance_m))
-    if median > FARTHEST_M:
-        raise BadViewError(
-            f"{what} has a median of {median:.4g} m, beyond {FARTHEST_M:g} m: these look like millimetres;"
-            " give metres"
-        )
-    if median < NEAREST_M:
-        raise BadViewError(
-            f"{what} has a median of {median:.3g} m, nearer than {NEAREST_M:g} m; give metres, not kilometres"
-        )
-
-
-def _check_camera(
-    K: NDArray[np.floating], X_base_camera: NDArray[np.floating], shape: tuple[int, ...]
-) -> None:
-    if K.shape != (3, 3) or not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
-        raise BadViewError(
-            "K must be a finite 3x3 pinhole matrix with positive focal lengths in pixels, got\n" + str(K)
-        )
-    if np.abs(K[2] - (0.0, 0.0, 1.0)).max() > 1e-6 or abs(K[1, 0]) > 1e-6:
-        raise BadViewError(
-            f"K must end in the row 0 0 1 and have no skew below its diagonal, got\n{K}\nis it transposed (column by"
-            " column)?"
-        )
-    h, w = shape
-    if not (-w < K[0, 2] < 2 * w and -h < K[1, 2] < 2 * h):
-        raise BadViewError(
-            f"principal point ({K[0, 2]:.1f}, {K[1, 2]:.1f}) px does not belong to a {w}x{h} image;"
-            " are the intrinsics of another resolution?"
-        )
-    if X_base_camera.shape != (4, 4) or not np.isfinite(X_base_camera).all():
-        raise BadViewError("T_base_camera must be a finite 4x4 matrix")
-    if np.abs(X_base_camera[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-6:
-        raise BadViewError(
-            f"T_base_camera must end in the row 0 0 0 1, got\n{X_base_camera}\nis it transposed (column by column)?"
-        )
-    R = X_base_camera[:3, :3]
-    if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
-        raise BadViewError(
-            "the rotation in T_base_camera is not a rotation matrix"
-            f" (|R Rᵀ - 1| = {np.abs(R @ R.T - np.eye(3)).max():.3g}, det {np.linalg.det(R):.3f})"
-        )
-    if np.abs(X_base_camera[:3, 3]).max() > FARTHEST_M:
-        raise BadViewError(
-            f"T_base_camera puts the camera {np.abs(X_base_camera[:3, 3]).max():.4g} m away; give metres"
-        )
-
-
-def _check_points(points: NDArray[np.floating]) -> None:
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise BadViewError(f"a cloud has shape (points, 3), got {points.shape}")
-    if len(points) < FEWEST_POINTS:
-        raise BadViewError(f"the cloud holds {len(points)} points, at least {FEWEST_POINTS} are needed")
-    if not np.isfinite(points).all():
-        bad = int((~np.isfinite(points).all(axis=1)).sum())
-        raise BadViewError(f"the cloud holds {bad} points that are not finite; drop them before writing")
-    extent = np.ptp(np.percentile(points, [5, 95], axis=0), axis=0)
-    if extent.max() > FARTHEST_M:
-        raise BadViewError(
-            f"the cloud spans {extent.max():.4g} m, beyond {FARTHEST_M:g} m: these look like millimetres;"
-            " give metres"
-        )
-    if extent.max() < 0.01:
-        raise BadViewError(f"the cloud spans only {extent.max() * 1e3:.3g} mm; give metres")

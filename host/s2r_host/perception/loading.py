@@ -7,6 +7,7 @@ metres, OpenCV camera frame. ``base_T_camera`` may be absent with ``frame="camer
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_host.perception.errors import BadViewError, InputError
-from s2r_host.perception.frames import FEWEST_POINTS, Cloud, DepthFrame, _check_points
+from s2r_host.perception.frames import Cloud, DepthFrame
 from s2r_host.perception.ply_whole import check_whole
+from s2r_host.perception.view_checks import FEWEST_POINTS, check_centred, check_points, check_pose
 
 FrameName = Literal["base", "camera"]
+WIDEST_PX = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +39,7 @@ def load_camera(path: Path) -> Camera:
     """Read ``camera.json``.
 
     Raises:
-        InputError: The file cannot be read or lacks a field; the text names it.
+        InputError: The file cannot be read, lacks a field, or tells of no camera; the text says what is wrong.
     """
     try:
         content = json.loads(path.read_text())
@@ -48,20 +51,26 @@ def load_camera(path: Path) -> Camera:
         width, height = int(intrinsics["width"]), int(intrinsics["height"])
         pose = content.get("base_T_camera")
         X = None if pose is None else np.asarray(pose, dtype=np.float64)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(
             f"camera file {path}: missing or unusable field {error}; it needs"
             ' {"intrinsics": {"fx","fy","cx","cy","width","height"}, "base_T_camera": 4x4}'
         ) from error
-    if X is not None and X.shape != (4, 4):
-        raise InputError(f"camera file {path}: base_T_camera has shape {X.shape}, expected (4, 4)")
-    if X is not None and not np.isfinite(X).all():
-        raise InputError(f"camera file {path}: base_T_camera has numbers that are not finite")
     if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
         raise InputError(
             f"camera file {path}: fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}; expected finite pixels, fx and fy above 0"
         )
+    if not (1 <= width <= WIDEST_PX and 1 <= height <= WIDEST_PX):
+        raise InputError(
+            f"camera file {path}: an image of {width}x{height}; expected 1 to {WIDEST_PX} pixels each"
+        )
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    try:
+        check_centred(K, (height, width))
+        if X is not None:
+            check_pose(X, "base_T_camera")
+    except BadViewError as error:
+        raise InputError(f"camera file {path}: {error}") from error
     return Camera(K, width, height, X)
 
 
@@ -112,20 +121,41 @@ def _load_npz(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
     if depth.dtype.kind not in "fiu":
         raise InputError(f"view {path}: depth has type {depth.dtype}; expected metres as float")
     depth = np.array(depth, dtype=np.float32)
-    if np.isnan(depth).any():
-        depth[~np.isfinite(depth)] = (
-            0.0  # NaN as "no return" is common; an all-NaN image is refused as empty below
-        )
+    depth[~np.isfinite(depth)] = 0.0  # NaN and, by REP 117, infinity are common for "no return"
+    K = np.asarray(arrays["K"], dtype=np.float64)
+    if camera is not None:
+        _check_needed(path, frame, camera, arrays)
     if frame == "camera":
         X = np.eye(4)
     elif "T_base_camera" in arrays:
         X = np.asarray(arrays["T_base_camera"], dtype=np.float64)
     else:
         assert camera is not None
-        assert camera.X_base_camera is not None
-        X = camera.X_base_camera
-    colour = arrays.get("colour", arrays.get("color"))
-    return DepthFrame(depth, np.asarray(arrays["K"], dtype=np.float64), X, colour)
+        X = _pose(path, frame, camera)
+    view = DepthFrame(depth, K, X, arrays.get("colour", arrays.get("color")))
+    check_centred(K, depth.shape)
+    return view
+
+
+def _check_needed(
+    path: Path, frame: FrameName, camera: Camera, arrays: Mapping[str, NDArray[np.generic]]
+) -> None:
+    """Refuse a camera file beside an NPZ view that has all of its own: one of the two would be left out in silence.
+
+    Raises:
+        InputError: The camera gives no pose that the view lacks, or other intrinsics than the view's.
+    """
+    if frame == "camera" or "T_base_camera" in arrays:
+        own = "K, and --frame camera asks for no pose" if frame == "camera" else "K and T_base_camera"
+        raise InputError(
+            f"view {path} has its own {own}: leave --camera out, or write into the NPZ what shall count"
+        )
+    K, shape = np.asarray(arrays["K"]), np.shape(arrays["depth"])
+    if K.shape != (3, 3) or not np.allclose(K, camera.K, rtol=1e-3) or shape != (camera.height, camera.width):
+        raise InputError(
+            f"view {path} has a K and a size of its own, and the camera file has others; --camera gives an NPZ view its"
+            " pose only: make them agree"
+        )
 
 
 def _load_png(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame:
@@ -166,7 +196,7 @@ def _load_ply(path: Path, frame: FrameName, camera: Camera | None) -> DepthFrame
         )
     points = points[finite]
     rgb = None if colour is None else (colour[finite] * 255).astype(np.uint8)
-    _check_points(points)  # before any projection: wrong units must be named as such
+    check_points(points)  # before any projection: wrong units must be named as such
     if frame == "camera":
         K, shape = (camera.K, (camera.height, camera.width)) if camera else virtual_pinhole(points)
         return rasterise(points, K, shape, np.eye(4))

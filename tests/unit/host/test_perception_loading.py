@@ -123,7 +123,11 @@ def test_a_million_points_are_fine(tmp_path):
         ({"depth": plate(800.0)}, "look like millimetres"),
         ({"depth": plate(-0.5)}, "negative"),
         ({"K": np.diag([0.0, 0.0, 1.0])}, "focal"),
-        ({"K": np.array([[200.0, 0, 900], [0, 200, 60], [0, 0, 1]])}, "another resolution"),
+        ({"K": np.diag([2.0, 2.0, 1.0]) @ K}, r"does not belong to a 160x120 image: .* middle of 320x240\..* resolution"),
+        ({"K": np.diag([0.5, 0.5, 1.0]) @ K}, r"middle of 80x60\."),
+        ({"K": np.diag([4 / 3, 4 / 3, 1.0]) @ K}, r"middle of 213x160\."),
+        ({"K": np.diag([4 / 3, 1.0, 1.0]) @ K}, r"middle of 213x120\."),
+        ({"K": K + np.array([[0, 40.0, 0], [0, 0, 0], [0, 0, 0]])}, "skew of 40 px"),
         ({"T_base_camera": np.diag([2.0, 1, 1, 1])}, "not a rotation"),
         ({"depth": np.ones((3, 120, 160), np.float32)}, "shape"),
     ],
@@ -198,13 +202,73 @@ def test_a_camera_file_with_impossible_intrinsics_is_named(tmp_path, key, value,
         load_camera(camera)
 
 
-def test_a_camera_file_with_a_pose_of_nan_is_named(tmp_path):
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (np.full((4, 4), np.nan), "must be a finite 4x4 matrix"),
+        (np.eye(3), "must be a finite 4x4 matrix"),
+        (np.zeros((4, 4)), "must end in the row 0 0 0 1"),
+        (np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0.5, 0, 0, 1]]), "transposed"),
+        (np.diag([1000.0, 1000.0, 1000.0, 1.0]), "not a rotation"),
+    ],
+)
+def test_a_camera_file_with_a_pose_that_is_none_is_named(tmp_path, pose, words):
+    camera = write_camera(tmp_path / "camera.json", base_T_camera=pose.tolist())
+    with pytest.raises(InputError, match=rf"camera\.json: .*base_T_camera (?s:.*){words}"):
+        load_frame(write_ply(tmp_path / "a.ply", plane_points()), camera=camera)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("width", float("inf"), "missing or unusable field"),
+        ("width", -160, "an image of -160x120"),
+        ("height", 0, "an image of 160x0"),
+        ("height", 10**9, "an image of 160x1000000000; expected 1 to 20000 pixels"),
+        ("width", 80, "does not belong to a 80x120 image: it would be the middle of 160x120"),
+    ],
+)
+def test_a_camera_file_of_no_image_or_of_another_one_is_named(tmp_path, key, value, words):
     camera = write_camera(tmp_path / "camera.json")
     content = json.loads(camera.read_text())
-    content["base_T_camera"] = np.full((4, 4), np.nan).tolist()
+    content["intrinsics"][key] = value
     camera.write_text(json.dumps(content))
-    with pytest.raises(InputError, match=r"camera\.json: base_T_camera has numbers that are not finite"):
+    with pytest.raises(InputError, match=rf"camera\.json: .*{words}"):
         load_camera(camera)
+
+
+def test_a_camera_beside_an_npz_that_has_its_own_is_refused(tmp_path):
+    view, camera = write_npz(tmp_path / "a.npz"), write_camera(tmp_path / "camera.json")
+    with pytest.raises(InputError, match=r"has its own K and T_base_camera: leave --camera out"):
+        load_frame(view, camera=camera)
+    with pytest.raises(InputError, match=r"has its own K, and --frame camera asks for no pose"):
+        load_frame(view, "camera", camera)
+
+
+def test_a_camera_gives_an_npz_the_pose_that_it_lacks(tmp_path):
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0
+    view = write_npz(tmp_path / "a.npz", T_base_camera=None)
+    camera = write_camera(tmp_path / "camera.json", base_T_camera=pose.tolist())
+    np.testing.assert_array_equal(load_frame(view, camera=camera).X_base_camera, pose)
+    other = write_npz(tmp_path / "b.npz", T_base_camera=None, K=np.diag([1.1, 1.1, 1.0]) @ K)
+    with pytest.raises(InputError, match=r"a K and a size of its own, and the camera file has others"):
+        load_frame(other, camera=camera)
+
+
+def test_infinite_depth_is_no_return_with_nan_beside_it_and_without(tmp_path):
+    for nothing in (np.inf, -np.inf, np.nan):
+        depth = plate()
+        depth[:20] = nothing
+        frame = load_frame(write_npz(tmp_path / "a.npz", depth=depth))
+        assert (frame.depth_m > 0).sum() == 100 * 160
+
+
+def test_a_cloud_beside_the_optical_axis_has_a_camera_of_its_own(tmp_path):
+    points = plane_points() + np.array([1.0, 0.0, 0.0])
+    frame = load_frame(write_ply(tmp_path / "a.ply", points), frame="camera")
+    seen = frame.points_base()[frame.depth_m > 0]
+    np.testing.assert_allclose(np.median(seen, axis=0), np.median(points, axis=0), atol=0.01)
 
 
 def test_absent_file_is_named(tmp_path):

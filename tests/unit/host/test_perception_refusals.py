@@ -59,7 +59,7 @@ def raw(path: Path, frame: DepthFrame, depth: np.ndarray) -> Path:
     [
         ("empty", lambda z: np.zeros_like(z), "holds 0 returns"),
         ("all NaN", lambda z: np.full_like(z, np.nan), "holds 0 returns"),
-        ("infinite", lambda z: np.full_like(z, np.inf), "not finite"),
+        ("infinite", lambda z: np.full_like(z, np.inf), "holds 0 returns"),
         ("millimetres", lambda z: 1000 * z, "look like millimetres"),
         ("kilometres", lambda z: z / 1000, "not kilometres"),
         ("negative", lambda z: -z, "negative"),
