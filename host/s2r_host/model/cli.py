@@ -6,7 +6,6 @@ import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -14,8 +13,8 @@ import click
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from s2r_host.model.answer_folder import ANSWER, check_room, forget
 from s2r_protocol.cli.options import SEED
-from s2r_protocol.cli.outputs import check_inputs_stay, check_own_results
 from s2r_protocol.exits import ExitCode, RefusedError, S2RError, UsageError
 
 if TYPE_CHECKING:
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from s2r_host.perception.frames import Cloud, DepthFrame
 
 Step = Callable[[str], None]
-ANSWER_FILES = ("object.xml", "object.urdf", "model.json")
-PICTURES = ("view_before.png", "view_after.png", "cloud.png", "model.png")
-ANSWER_KEYS = ("abstain", "joint_type", "parts_found")  # one of them is in every model.json
 
 
 @click.command()
@@ -131,14 +127,12 @@ def _build(
 ) -> dict[str, Any]:  # fmt: skip
     step("reading both views")
     box = parse_region(region)
-    from s2r_host.perception.frames import DepthFrame
     from s2r_host.perception.loading import load_frame
 
-    _forget_answer(out)
     view_before = load_frame(before, frame, camera)  # type: ignore[arg-type]
     view_after = load_frame(after, frame, camera)  # type: ignore[arg-type]
-    views = _all_depth(view_before, view_after, [load_frame(path, frame, camera) for path in between])  # type: ignore[arg-type]
-    step("estimating the joint")
+    more = [load_frame(path, frame, camera) for path in between]  # type: ignore[arg-type]
+    views = _all_depth(view_before, view_after, more, several)
     from s2r_host.perception.estimate import UP
     from s2r_host.perception.verdict import KNOWN_TO, VAGUELY
 
@@ -149,6 +143,8 @@ def _build(
         from s2r_host.perception.pair_network import PairNetworkRuntime
 
         asked = PairNetworkRuntime()
+    forget(out)  # not before: where the views or the options cannot be used there is no new answer
+    step("estimating the joint")
     if not several:
         from s2r_host.perception.estimate import estimate_joint
 
@@ -164,13 +160,9 @@ def _build(
         return _build_one(estimate, out, frame, seed, step)
     from s2r_host.perception.several import estimate_joints
 
-    if not (isinstance(view_before, DepthFrame) and isinstance(view_after, DepthFrame)):
-        raise UsageError(
-            "--several needs depth images or clouds with --camera: parts are told apart in the image"
-        )
     found = estimate_joints(
-        view_before,
-        view_after,
+        views[0],
+        views[1],
         region=box,
         joint_type=joint_type,
         up=up,
@@ -178,16 +170,12 @@ def _build(
         network=asked,
         seed=seed,
     )
-    try:
-        parts = [
-            _build_one(estimate, out / f"part_{k}", frame, seed, step)
-            for k, estimate in enumerate(found, start=1)
-        ]
-    except RefusedError:
-        _forget_answer(out)  # models of the parts before it are no answer
-        raise
+    parts = [
+        _build_one(estimate, out / f"part_{k}", frame, seed, step)
+        for k, estimate in enumerate(found, start=1)
+    ]
     result: dict[str, Any] = {"parts_found": parts}
-    (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+    (out / ANSWER).write_text(json.dumps(result, indent=1) + "\n")
     return result
 
 
@@ -209,28 +197,23 @@ def _check_options(
             raise UsageError(
                 f"--between {path} is the view of {ends[path.resolve()]}; give one taken in between"
             )
-    check_inputs_stay(out, (*ANSWER_FILES, *PICTURES), (before, after, *between))
     if between and several:
         raise UsageError("--between refines the joint of one part; it does not go with --several")
     if network and frame == "camera":
         raise UsageError("--network knows views with z up only; it does not go with --frame camera")
-    check_own_results(out, "model.json", ANSWER_KEYS, (*ANSWER_FILES[:2], *PICTURES))
-
-
-def _forget_answer(out: Path) -> None:
-    """Take away what an earlier answer left: its model is no part of a new one, least of an abstention."""
-    parts = [path for path in out.glob("part_*") if path.is_dir()]
-    for folder, name in product((out, *parts), (*ANSWER_FILES, *PICTURES)):
-        (folder / name).unlink(missing_ok=True)
+    check_room(out, (before, after, *between), several)
 
 
 def _all_depth(
-    before: DepthFrame | Cloud, after: DepthFrame | Cloud, between: Sequence[DepthFrame | Cloud]
+    before: DepthFrame | Cloud,
+    after: DepthFrame | Cloud,
+    between: Sequence[DepthFrame | Cloud],
+    several: bool,
 ) -> list[DepthFrame]:
-    """All views where some are from between, which takes a camera; none otherwise.
+    """All views where some are from between or several parts are looked for, which takes a camera; none otherwise.
 
     Raises:
-        UsageError: Some have a camera and some have none.
+        UsageError: Some have a camera and some have none, or none has and it is needed.
     """
     from s2r_host.perception.frames import DepthFrame
 
@@ -243,7 +226,11 @@ def _all_depth(
     frames = [view for view in (before, after, *between) if isinstance(view, DepthFrame)]
     if between and len(frames) < 2 + len(between):
         raise UsageError("--between needs depth images or clouds with --camera, for all of the views")
-    return frames if between else []
+    if several and len(frames) < 2:
+        raise UsageError(
+            "--several needs depth images or clouds with --camera: parts are told apart in the image"
+        )
+    return frames if between or several else []
 
 
 def _build_one(estimate: JointEstimate, out: Path, frame: str, seed: int, step: Step) -> dict[str, Any]:
@@ -260,7 +247,7 @@ def _build_one(estimate: JointEstimate, out: Path, frame: str, seed: int, step: 
 
     pictures = [*save_pictures(estimate, out), save_model_picture(model, estimate, out / "model.png")]
     result = answer(estimate, model, frame)
-    (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+    (out / ANSWER).write_text(json.dumps(result, indent=1) + "\n")
     step(f"wrote {out} ({len(pictures)} pictures)")
     return result
 
@@ -287,11 +274,15 @@ def parse_region(text: str | None) -> tuple[float, float, float, float, float, f
 
 
 def _abstain(error: RefusedError, out: Path, as_json: bool) -> NoReturn:
-    """Say why there is no answer, in the form asked for, and leave with the code for a refusal."""
+    """Say why there is no answer, in the form asked for, and leave with the code for a refusal.
+
+    It takes the place of an earlier answer, and of the models of the parts before one that could not be built.
+    """
     result = {"abstain": True, "reason": str(error)}
     with contextlib.suppress(OSError):  # the reason matters more than its copy on disk
+        forget(out)
         out.mkdir(parents=True, exist_ok=True)
-        (out / "model.json").write_text(json.dumps(result, indent=1) + "\n")
+        (out / ANSWER).write_text(json.dumps(result, indent=1) + "\n")
     if as_json:
         click.echo(json.dumps(result, indent=1))
     else:

@@ -45,13 +45,62 @@ def test_a_result_does_not_replace_files_of_somebody_else(tmp_path):
     assert (tmp_path / "object.xml").read_text() == "mine"
 
 
-def test_an_earlier_result_is_taken_away_with_its_pictures_and_other_files_stay(tmp_path):
-    for name in ("object.xml", "cloud.png", "notes.txt"):
-        (tmp_path / name).write_text("old")
-    (tmp_path / "model.json").write_text('{"joint_type": "revolute"}')
-    assert "a.ply" in refusal("--out", tmp_path)  # it is not there
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-    assert "a.ply" in refusal("--out", tmp_path)
+def earlier_answer(folder):
+    (folder / "meshes").mkdir(parents=True)
+    for name in ("object.xml", "cloud.png", "notes.txt", "meshes/part_free3.obj", "meshes/mine.obj"):
+        (folder / name).write_text("old")
+    (folder / "object.urdf").write_text('<robot><mesh filename="meshes/part_free3.obj"/></robot>')
+    (folder / "model.json").write_text('{"joint_type": "revolute"}')
+
+
+def files_in(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def flat_views(folder):
+    """Two views between which a plate came nearer: no joint that could be answered."""
+    K = np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
+    for name, z_m in (("a", 0.8), ("b", 0.7)):
+        depth = np.full((60, 80), z_m, np.float32)
+        np.savez(folder / f"{name}.npz", depth=depth, K=K, T_base_camera=np.eye(4))
+    return ["--before", str(folder / "a.npz"), "--after", str(folder / "b.npz"), "--no-network"]
+
+
+@pytest.mark.parametrize("more", [[], ["--several"]])
+def test_a_refusal_takes_an_earlier_result_away_with_its_pictures_and_meshes_and_other_files_stay(
+    tmp_path, more
+):
+    out = tmp_path / "o"
+    earlier_answer(out)
+    earlier_answer(out / "part_2")
+    (out / "part_holder").mkdir()
+    (out / "part_holder/object.xml").write_text("mine")
+    said = CliRunner().invoke(build_model, [*flat_views(tmp_path), "--out", str(out), *more])
+    assert said.exit_code == ExitCode.REFUSED
+    others = ["meshes/mine.obj", "notes.txt"]
+    assert files_in(out) == sorted(
+        ["model.json", *others, *(f"part_2/{name}" for name in others), "part_holder/object.xml"]
+    )
+
+
+def test_what_cannot_be_used_leaves_an_earlier_result(tmp_path):
+    earlier_answer(tmp_path)
+    there = files_in(tmp_path)
+    assert "no such file" in refusal("--out", tmp_path)
+    assert files_in(tmp_path) == there
+
+
+def test_a_part_folder_of_somebody_else_is_neither_emptied_nor_written_into(tmp_path):
+    out = tmp_path / "o"
+    (out / "part_1").mkdir(parents=True)
+    (out / "part_1/object.xml").write_text("mine")
+    (out / "part_1/model.json").write_text('{"layers": 3}')
+    views = flat_views(tmp_path)
+    assert CliRunner().invoke(build_model, [*views, "--out", str(out)]).exit_code == ExitCode.REFUSED
+    said = CliRunner().invoke(build_model, [*views, "--out", str(out), "--several"])
+    assert said.exit_code == ExitCode.USAGE
+    assert "part_1 holds model.json, object.xml, not written by this command" in said.stderr
+    assert (out / "part_1/object.xml").read_text() == "mine"
 
 
 def test_a_cloud_without_a_camera_beside_a_depth_image_is_refused_by_its_option(tmp_path):
@@ -69,11 +118,7 @@ def test_a_cloud_without_a_camera_beside_a_depth_image_is_refused_by_its_option(
 @pytest.mark.parametrize(("frame", "told"), [("base", [0.0, 0.0, 1.0]), ("camera", None)])
 def test_in_a_cameras_frame_nothing_tells_what_is_up(tmp_path, monkeypatch, frame, told, more):
     """Its z leads into the picture: hinges of a lid would be told as upright or level against that."""
-    K = np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
-    for name, z_m in (("a", 0.8), ("b", 0.7)):
-        np.savez(
-            tmp_path / f"{name}.npz", depth=np.full((60, 80), z_m, np.float32), K=K, T_base_camera=np.eye(4)
-        )
+    views = flat_views(tmp_path)
     given = []
 
     def estimated(*_, up, **__):
@@ -82,37 +127,23 @@ def test_in_a_cameras_frame_nothing_tells_what_is_up(tmp_path, monkeypatch, fram
 
     monkeypatch.setattr(estimate, "estimate_joint", estimated)
     monkeypatch.setattr(several, "estimate_joints", estimated)
-    views = ["--before", str(tmp_path / "a.npz"), "--after", str(tmp_path / "b.npz"), "--no-network"]
     CliRunner().invoke(build_model, [*views, "--frame", frame, "--out", str(tmp_path / "o"), *more])
     assert len(given) == 1
     assert (None if given[0] is None else given[0].tolist()) == told
 
 
 def test_a_part_that_cannot_be_built_takes_the_models_of_those_before_it_along(tmp_path, monkeypatch):
-    K = np.array([[70.0, 0, 40], [0, 70.0, 30], [0, 0, 1]])
-    for name, z_m in (("a", 0.8), ("b", 0.7)):
-        np.savez(
-            tmp_path / f"{name}.npz", depth=np.full((60, 80), z_m, np.float32), K=K, T_base_camera=np.eye(4)
-        )
-
     def built(estimate, out, *_):
         if estimate == "second":
             raise ModelError("shows only 12 points, 200 are needed")
         out.mkdir(parents=True)
         (out / "object.xml").write_text("a model")
-        (out / "model.json").write_text("{}")
+        (out / "model.json").write_text('{"joint_type": "prismatic"}')
         return {}
 
     monkeypatch.setattr(several, "estimate_joints", lambda *_, **__: ["first", "second"])
     monkeypatch.setattr(cli, "_build_one", built)
-    views = [
-        "--before",
-        str(tmp_path / "a.npz"),
-        "--after",
-        str(tmp_path / "b.npz"),
-        "--no-network",
-        "--several",
-    ]
+    views = [*flat_views(tmp_path), "--several"]
     said = CliRunner().invoke(build_model, [*views, "--out", str(tmp_path / "o")])
     assert said.exit_code == ExitCode.REFUSED
     assert json.loads((tmp_path / "o/model.json").read_text())["abstain"]

@@ -123,7 +123,10 @@ def test_a_million_points_are_fine(tmp_path):
         ({"depth": plate(800.0)}, "look like millimetres"),
         ({"depth": plate(-0.5)}, "negative"),
         ({"K": np.diag([0.0, 0.0, 1.0])}, "focal"),
-        ({"K": np.diag([2.0, 2.0, 1.0]) @ K}, r"does not belong to a 160x120 image: .* middle of 320x240\..* resolution"),
+        (
+            {"K": np.diag([2.0, 2.0, 1.0]) @ K},
+            r"does not belong to a 160x120 image: .* middle of 320x240\..* resolution",
+        ),
         ({"K": np.diag([0.5, 0.5, 1.0]) @ K}, r"middle of 80x60\."),
         ({"K": np.diag([4 / 3, 4 / 3, 1.0]) @ K}, r"middle of 213x160\."),
         ({"K": np.diag([4 / 3, 1.0, 1.0]) @ K}, r"middle of 213x120\."),
