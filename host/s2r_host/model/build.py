@@ -109,7 +109,9 @@ def build_model(
         raise ModelError("no piece of the moving part is large enough to model; look closer")
     physics = prior(estimate.joint_type)
     mjcf_path, urdf_path = out / "object.xml", out / "object.urdf"
-    write_mjcf(mjcf_path, pieces, estimate.motion, joint_range, physics)
+    # A camera's z leads into the picture; what the object stands on is all that tells where down is then.
+    up = seen.up if estimate.up is None else None
+    write_mjcf(mjcf_path, pieces, estimate.motion, joint_range, physics, up=up)
     write_urdf(urdf_path, pieces, estimate.motion, joint_range, physics, mjcf_path)
     mass = sum(p.volume_m3 for p in pieces if p.body == "part") * physics.density_kg_m3.value
     logger.info("object model: %d pieces, part %.2f kg, range %.3f to %.3f", len(pieces), mass, *joint_range)

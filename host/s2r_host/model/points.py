@@ -17,7 +17,9 @@ from s2r_host.perception.view import Seen, View
 Array = NDArray[np.floating]
 
 SUPPORT_CLEARANCE_M = 0.006
+LEVEL_COS = 0.95  # of a support; planes that lean further are the object's own
 UPRIGHT_COS = 0.985
+UP_IN_PICTURE = np.array([0.0, -1.0, 0.0])  # where a camera's own frame is all that is known, and no support is seen
 EMPTY_M = 0.002  # before a seen surface, besides its noise, from which on space counts as empty
 
 
@@ -89,10 +91,9 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     low, high = np.percentile(part, [1, 99], axis=0)
     near = static & ((a.points > low - reach_m) & (a.points < high + reach_m)).all(axis=1)
     rest, rest_normals = a.points[near], a.normals[near]
-    p_plane, normal = _support(rest, rest_normals, part, a.p_camera, rng)
+    p_plane, normal = _support(rest, rest_normals, part, a.p_camera, estimate.up, rng)
     above = (rest - p_plane) @ normal > SUPPORT_CLEARANCE_M
-    z = np.array([0.0, 0.0, 1.0])
-    up = z if normal @ z > UPRIGHT_COS else normal
+    up = estimate.up if estimate.up is not None and normal @ estimate.up > UPRIGHT_COS else normal
     # Height of the plane below the part, measured along ``up`` (tables are never quite level).
     middle = np.median(part, axis=0)
     height = float(up @ middle - (middle - p_plane) @ normal / (normal @ up))
@@ -122,29 +123,36 @@ def _through(view: View, p: Array) -> NDArray[np.bool_]:
 
 
 def _support(
-    rest: Array, normals: Array, part: Array, p_camera: Array | None, rng: np.random.Generator
+    rest: Array,
+    normals: Array,
+    part: Array,
+    p_camera: Array | None,
+    up: Array | None,
+    rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Point and normal of the plane the object stands on.
 
-    Takes the largest plane with nearly all points of the part on one side; level ones are preferred, because base
-    frames have z up. Without any such plane: level, through the lowest point seen.
+    Takes the largest level plane with nearly all points of the part on one side; without any: level, through the lowest
+    point seen. Where nothing tells what is level (``up`` is None), any such plane: the front of a cabinet has all of
+    its drawer on one side, too, and would else be what the cabinet stands on wherever no floor is in view.
     """
-    z = np.array([0.0, 0.0, 1.0])
     chosen = rng.permutation(len(rest))[:8000]
-    best: tuple[float, Array, Array] | None = None
+    best: tuple[int, Array, Array] | None = None
     for plane in find_planes(rest[chosen], normals[chosen], rng, most=5) if len(rest) > 200 else []:
         n = plane.normal
         side = (part - plane.centre) @ n
         if np.median(side) < 0:
             n, side = -n, -side
+        if up is not None and n @ up < LEVEL_COS:
+            continue
         if np.percentile(side, 3) < -0.01:
             continue
         if p_camera is not None and (p_camera - plane.centre) @ n < 0:
             continue
-        merit = plane.size * (3.0 if abs(n @ z) > 0.95 else 1.0)
-        if best is None or merit > best[0]:
-            best = (merit, plane.centre, n)
+        if best is None or plane.size > best[0]:
+            best = (plane.size, plane.centre, n)
     if best is None:
+        level = UP_IN_PICTURE if up is None else up
         everything = np.concatenate([rest, part])
-        return everything[int(np.argmin(everything @ z))], z
+        return everything[int(np.argmin(everything @ level))], level
     return best[1], best[2]

@@ -24,6 +24,7 @@ Array = NDArray[np.floating]
 
 COLOUR = {"base": "0.55 0.57 0.60 1", "part": "0.85 0.55 0.25 1"}
 RIM_COLOUR = "0.85 0.55 0.25 0.2"
+GRAVITY_M_S2 = 9.81
 
 
 def _text(values: Array | list[float] | tuple[float, ...]) -> str:
@@ -37,6 +38,7 @@ def write_mjcf(
     joint_range: tuple[float, float],
     physics: Physics,
     rims: Sequence[Piece] = (),
+    up: Array | None = None,
 ) -> None:
     """Write the MJCF file.
 
@@ -47,9 +49,12 @@ def write_mjcf(
         joint_range: Lowest and highest joint value [m or rad].
         physics: Numbers of the joint and of all surfaces.
         rims: Of the part, pieces that nothing touches and that weigh nothing: as far as it may reach.
+        up: Against gravity, (3,); None: along z, as MuJoCo has it.
     """
     root = ET.Element("mujoco", model="object")
     ET.SubElement(root, "compiler", angle="radian")
+    if up is not None:
+        ET.SubElement(root, "option", gravity=_text(-GRAVITY_M_S2 * up))
     asset = ET.SubElement(root, "asset")
     for name, piece in [*((_geom(piece), piece) for piece in pieces), *((_rim(rim), rim) for rim in rims)]:
         if piece.half_size is None:

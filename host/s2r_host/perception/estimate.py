@@ -87,6 +87,7 @@ class JointEstimate:
         hypotheses: All refined candidates, best first.
         explained: Share of the surely moved points that land on a matching surface.
         warnings: Sentences for the user.
+        up: Unit vector against gravity, as it was given; None if unknown.
         knob: The moving part's outline in the first view, where it is a knob with spokes.
         lever: The moving part as a solid in the first view, where its outline tells that it is a lever.
     """
@@ -104,6 +105,7 @@ class JointEstimate:
     hypotheses: tuple[Hypothesis, ...]
     explained: float
     warnings: tuple[str, ...]
+    up: Array | None
     knob: KnobOutline | None = None
     lever: LeverShape | None = None
 
@@ -252,7 +254,7 @@ def conclude(
         motion.joint_type, motion.origin, motion.direction, motion.delta,
         "rad" if motion.joint_type == "revolute" else "m",
         intervals, best.refined.residual_m, view_a, view_b, parts, tuple(ranked), explained.share,
-        tuple(warnings), lever=None if lever is None else lever.shape,
+        tuple(warnings), up, lever=None if lever is None else lever.shape,
     )  # fmt: skip
 
 

@@ -31,5 +31,5 @@ def knob_joint(
     interval = Intervals(TILT_RAD, SHIFT_M, (abs(turn) - TURN_RAD, abs(turn) + TURN_RAD))
     return JointEstimate(
         "revolute", middle, np.copysign(1.0, turn) * UP, abs(turn), "rad", interval, EDGE_M, before, after, parts, (),
-        turned.explained, (), outline,
+        turned.explained, (), UP, outline,
     )  # fmt: skip
