@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -19,6 +21,10 @@ Array = NDArray[np.floating]
 Body = Literal["base", "part"]
 
 PLATE_M = 0.008
+LEAST_PLATE_M = 0.002
+OTHER_FACE_COS = (
+    -0.9
+)  # between the outward normals of two patches, below it they may be the two faces of one plate
 VOXEL_M = 0.008
 MOST_POINTS = 12000
 LEAST_FREE_POINTS, LEAST_APART_POINTS = 400, 100  # beside plates, from which on there is a piece of them
@@ -114,18 +120,46 @@ def _clumps(seen: ObservedObject) -> NDArray[np.int64]:
     return number[label][inverse]
 
 
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """Points (n, 3) of one flat patch, their middle (3,), and its normal towards who saw it (3,)."""
+
+    points: Array
+    centre: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, points: Array, normals: Array, seen: ObservedObject) -> _Patch:
+        """Fit a patch to points, each with its normal towards the camera that saw it; without a camera it faces up."""
+        centre, normal = fit_plane(points)
+        reference = seen.up if seen.p_camera is None else normals.mean(axis=0)
+        return cls(points, centre, normal if normal @ reference >= 0 else -normal)
+
+    def thick_m(self, others: Sequence[_Patch]) -> float:
+        """How thick its plate is [m]: up to the middle where the other face of it was seen, too."""
+        behind = [
+            -float(np.median((other.points - self.centre) @ self.normal))
+            for other in others
+            if other.normal @ self.normal < OTHER_FACE_COS
+        ]
+        return min([PLATE_M, *(max(LEAST_PLATE_M, 0.5 * depth) for depth in behind if depth > 0.0)])
+
+
 def _plates(
     body: Body, p: Array, normals: Array, seen: ObservedObject, floor: float | None, rng: np.random.Generator
 ) -> tuple[list[Piece], NDArray[np.bool_]]:
     """Plates for the largest planes of points (n, 3), and which of the points lie on those planes, (n,)."""
-    pieces: list[Piece] = []
+    patches: list[_Patch] = []
     left = np.ones(len(p), dtype=bool)
-    for k, plane in enumerate(find_planes(p, normals, rng, most=4)):
+    for plane in find_planes(p, normals, rng, most=4):
         on = left & (np.abs((p - plane.centre) @ plane.normal) < 0.006)
         if on.sum() < 80:
             continue
         left &= ~on
-        pieces += _plate(f"plate{k}", body, p[on], seen, floor)
+        patches.append(_Patch.of(p[on], normals[on], seen))
+    pieces = []
+    for k, patch in enumerate(patches):
+        pieces += _plate(f"plate{k}", body, patch, patch.thick_m(patches), seen, floor)
     return pieces, ~left
 
 
@@ -137,23 +171,16 @@ def _free(body: Body, hulls: list[Array], solid: Array, seen: ObservedObject) ->
 
 
 def _plate(
-    name: str,
-    body: Body,
-    points: Array,
-    seen: ObservedObject,
-    floor: float | None,
+    name: str, body: Body, patch: _Patch, thick_m: float, seen: ObservedObject, floor: float | None
 ) -> list[Piece]:
-    """Convex plates for one flat patch: its outline, extruded away from the camera (or down to the support)."""
-    centre, normal = fit_plane(points)
-    reference = seen.p_camera - centre if seen.p_camera is not None else seen.up
-    if normal @ reference < 0:
-        normal = -normal
+    """Convex plates for one flat patch: its outline, extruded away from who saw it (or down to the support)."""
+    centre, normal = patch.centre, patch.normal
     e1, e2 = perpendicular_basis(normal)
-    flat = np.stack([(points - centre) @ e1, (points - centre) @ e2], axis=1)
+    flat = np.stack([(patch.points - centre) @ e1, (patch.points - centre) @ e2], axis=1)
     result = []
     for i, outline in enumerate(_outlines(flat)):
         top = centre + outline @ np.stack([e1, e2])
-        solid = np.concatenate([top, top - PLATE_M * normal])
+        solid = np.concatenate([top, top - thick_m * normal])
         if floor is not None and normal @ seen.up > 0.9:
             block = np.concatenate([top, top - ((top @ seen.up - floor)[:, None]) * seen.up])
             if (

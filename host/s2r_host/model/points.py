@@ -19,7 +19,9 @@ Array = NDArray[np.floating]
 SUPPORT_CLEARANCE_M = 0.006
 LEVEL_COS = 0.95  # of a support; planes that lean further are the object's own
 UPRIGHT_COS = 0.985
-UP_IN_PICTURE = np.array([0.0, -1.0, 0.0])  # where a camera's own frame is all that is known, and no support is seen
+UP_IN_PICTURE = np.array(
+    [0.0, -1.0, 0.0]
+)  # where a camera's own frame is all that is known, and no support is seen
 EMPTY_M = 0.002  # before a seen surface, besides its noise, from which on space counts as empty
 
 
@@ -43,7 +45,8 @@ class ObservedObject:
     """Points of one object.
 
     Attributes:
-        part, part_normals: Moving part in the pose of the first view, shape (n, 3).
+        part, part_normals: Moving part in the pose of the first view, shape (n, 3). Normals point to the camera that
+            saw the point, where one is known.
         rest, rest_normals: Everything else above the supporting plane near the part, shape (m, 3).
         up: Unit vector away from the support, shape (3,).
         support_height: Height of the supporting plane along ``up`` [m].
@@ -79,7 +82,8 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     a, b = estimate.view_before, estimate.view_after
     in_a, in_b = estimate.parts.before, estimate.parts.after
     part = np.concatenate([a.points[in_a], b.points[in_b] @ X_back[:3, :3].T + X_back[:3, 3]])
-    normals = np.concatenate([a.normals[in_a], b.normals[in_b] @ X_back[:3, :3].T])
+    normals_a, normals_b = _outward(a), _outward(b)
+    normals = np.concatenate([normals_a[in_a], normals_b[in_b] @ X_back[:3, :3].T])
     if len(part) < 200:
         raise ModelError(
             f"the moving part shows only {len(part)} points, 200 are needed for a model; look closer"
@@ -90,7 +94,7 @@ def observe(estimate: JointEstimate, rng: np.random.Generator, reach_m: float = 
     static = (label_a == Change.STATIC) & ~in_a
     low, high = np.percentile(part, [1, 99], axis=0)
     near = static & ((a.points > low - reach_m) & (a.points < high + reach_m)).all(axis=1)
-    rest, rest_normals = a.points[near], a.normals[near]
+    rest, rest_normals = a.points[near], normals_a[near]
     p_plane, normal = _support(rest, rest_normals, part, a.p_camera, estimate.up, rng)
     above = (rest - p_plane) @ normal > SUPPORT_CLEARANCE_M
     up = estimate.up if estimate.up is not None and normal @ estimate.up > UPRIGHT_COS else normal
@@ -116,6 +120,14 @@ def _look(view: View, mask: NDArray[np.bool_], X: Array) -> Iterator[Look]:
     if found is not None:
         found = Edges(found.points @ X[:3, :3].T + X[:3, 3], found.across @ X[:3, :3].T, found.sharp)
     yield Look(view.points[mask] @ X[:3, :3].T + X[:3, 3], X[:3, :3] @ view.p_camera + X[:3, 3], found)
+
+
+def _outward(view: View) -> Array:
+    """Normals of a view's points, (n, 3), towards its camera if that is known."""
+    if view.oriented or view.p_camera is None:
+        return view.normals
+    inward = np.einsum("ni,ni->n", view.normals, view.p_camera - view.points) < 0
+    return np.where(inward[:, None], -view.normals, view.normals)
 
 
 def _through(view: View, p: Array) -> NDArray[np.bool_]:
