@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_host.learn.archive import read_archive
+from s2r_host.learn.archive import DAMAGE, read_archive
 from s2r_host.learn.push_files import data_hash
 from s2r_host.learn.solids import drawn_around, inside, moved
 from s2r_host.perception.change import compare, measured_noise_scale, without_specks
@@ -116,10 +117,9 @@ def load_pairs(file: Path) -> list[PairSample]:
         InputError: The file is damaged, or lacks something, as files of other versions do.
     """
     kept, source = file.parent / FOLDER / file.name, data_hash([file])
-    if kept.exists() and kept.stat().st_mtime >= file.stat().st_mtime:
-        samples = _read(kept, source)
-        if samples is not None:
-            return samples
+    samples = _kept(kept, source) if kept.exists() and kept.stat().st_mtime >= file.stat().st_mtime else None
+    if samples is not None:
+        return samples
     content = read_archive(file, _NEEDED, "s2r data pairs")
     samples = _prepare(content)
     _write(kept, samples, source)
@@ -172,13 +172,15 @@ def _sample(
     spokes: int,
     rng: np.random.Generator,
 ) -> PairSample | None:
-    """None if nothing of the motion is in sight."""
+    """None if nothing of the motion is in sight of one of them."""
     a, b = views
     everywhere = np.ones(len(a.points), dtype=bool), np.ones(len(b.points), dtype=bool)
     scene = Scene(a, b, without_specks(a, b, compare(a, b)), *everywhere)
     try:
         pools = pool(scene, rng)
     except NothingMovedError:
+        return None
+    if pools.one_sided():
         return None
     both = (pools.before, pools.after)
     belongs = [p.ravel()[v.flat[some.index]] for v, p, some in zip(views, part, both, strict=True)]
@@ -249,14 +251,23 @@ def _write(path: Path, samples: list[PairSample], source: str) -> None:
         motions = [m for m in (sample.motion, sample.other) if m is not None]
         arrays[f"motion{k}"] = np.array([[*m.origin, *m.direction, m.delta] for m in motions])
         arrays[f"name{k}"] = np.array([sample.motion.joint_type, sample.kind])
-    part = path.with_suffix(".part")
+    part = path.with_name(
+        f"{path.name}.{os.getpid()}.part"
+    )  # two trainings may prepare the same pairs at a time
     with part.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
     part.replace(path)
 
 
+def _kept(path: Path, source: str) -> list[PairSample] | None:
+    """None if another version wrote it, it was made of another file than the one with that hash, or it is damaged."""
+    try:
+        return _read(path, source)
+    except (*DAMAGE, KeyError):
+        return None
+
+
 def _read(path: Path, source: str) -> list[PairSample] | None:
-    """None if another version wrote it, or it was made of another file than the one with that hash."""
     with np.load(path) as archive:
         made_of = str(archive["source"]) if "source" in archive else source  # points kept before hashes were
         if int(archive["version"]) != VERSION or made_of != source:

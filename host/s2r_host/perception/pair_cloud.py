@@ -70,6 +70,10 @@ class PairPool:
     centre: Array
     heading: float
 
+    def one_sided(self) -> bool:
+        """Whether one of the views shows nothing there, as where a region holds points of the other one only."""
+        return not (len(self.before.points) and len(self.after.points))
+
 
 @dataclass(frozen=True, eq=False)
 class PairCloud:
@@ -133,7 +137,10 @@ def facing(angle: float) -> Array:
 
 
 def sample(pools: PairPool, rng: np.random.Generator) -> PairCloud:
-    """`POINTS` points of each view: of each label its share, and what one lacks the others give."""
+    """`POINTS` points of each view: of each label its share, and what one lacks the others give.
+
+    Neither view may be without points (`PairPool.one_sided`).
+    """
     views = (pools.before, pools.after)
     chosen = np.stack([_draw(view.change, rng) for view in views])
     points, normals, flags = [], [], []

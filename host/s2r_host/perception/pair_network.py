@@ -64,7 +64,9 @@ class PairNetworkRuntime:
         return json.loads((self.folder / ABOUT).read_text())
 
     def belief(self, scene: Scene, rng: np.random.Generator) -> PairBelief | None:
-        """What the network makes of two views; None if hardly a point is believed to have moved with a part.
+        """What the network makes of two views.
+
+        None if one of them shows nothing there, or hardly a point is believed to have moved with a part.
 
         Args:
             scene: Both views with their changes, z up; a view without a camera is none that the network knows.
@@ -76,6 +78,8 @@ class PairNetworkRuntime:
         if scene.before.p_camera is None or scene.after.p_camera is None:
             return None
         pools = pool(scene, rng)
+        if pools.one_sided():
+            return None
         votes = Votes.joined([self._pass(sample(pools, rng), rng) for _ in range(PASSES)])
         opinion = votes.opinion()
         return None if opinion is None else PairBelief(opinion, votes, self.trust)

@@ -54,6 +54,15 @@ def test_points_lie_around_what_moved(scene, cloud):
     assert (cloud.points <= high + 0.1501).all()
 
 
+def test_a_region_that_one_view_alone_shows_is_nothing_to_have_an_opinion_on(pair):
+    """The place that a lid left: the second view has no point there. It ended as a bug."""
+    gone = prepare(pair.before, pair.after, None, None, None, np.random.default_rng(0))[0]
+    nowhere = np.zeros(len(gone.after.points), dtype=bool)
+    assert (
+        PairNetworkRuntime().belief(replace(gone, candidate_after=nowhere), np.random.default_rng(0)) is None
+    )
+
+
 def test_a_view_with_few_points_gives_some_twice(scene):
     pools = pool(scene, np.random.default_rng(0))
     few = replace(pools.after, **{name: getattr(pools.after, name)[:100] for name in vars(pools.after)})
@@ -214,6 +223,39 @@ def test_points_of_a_file_that_was_put_in_the_place_of_another_are_not_those_of_
     (true,) = load_pairs(other)
     assert again.motion.delta != first.motion.delta
     assert again.motion.delta == true.motion.delta
+
+
+@pytest.mark.parametrize("kept", [b"PK\x03\x04 damaged", b"", None], ids=["damaged", "empty", "old"])
+def test_kept_points_that_cannot_be_read_are_made_anew(tmp_path, kept):
+    file = tmp_path / "a-train-0.npz"
+    write_pair(file, 1)
+    (first,) = load_pairs(file)
+    place = tmp_path / "points" / file.name
+    if kept is None:
+        np.savez(place, points=np.zeros(3))
+    else:
+        place.write_bytes(kept)
+    (again,) = load_pairs(file)
+    np.testing.assert_array_equal(again.place, first.place)
+
+
+def test_two_trainings_that_prepare_the_same_pairs_at_a_time_do_not_meet(tmp_path, monkeypatch):
+    """The other one writes while this one does: what it writes into must not be moved away from it."""
+    file = tmp_path / "a-train-0.npz"
+    write_pair(file, 1)
+    savez, mine = np.savez, os.getpid()
+
+    def with_another(target, **arrays):
+        savez(target, **arrays)
+        monkeypatch.setattr(np, "savez", savez)
+        monkeypatch.setattr(os, "getpid", lambda: mine + 1)
+        load_pairs(file)
+
+    monkeypatch.setattr(np, "savez", with_another)
+    (first,) = load_pairs(file)
+    (again,) = load_pairs(file)
+    np.testing.assert_array_equal(again.place, first.place)
+    assert [path.name for path in (tmp_path / "points").iterdir()] == [file.name]
 
 
 def test_the_part_is_mostly_what_moved_and_its_motion_carries_it_over(pair_folder):
