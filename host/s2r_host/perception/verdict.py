@@ -30,6 +30,7 @@ LEAST_EXPLAINED = 0.5  # with hands on the object 0.5-0.75; a plate taken for it
 # 0.32 and more (validation 1000 to 1029).
 LEAST_OF_VIEW = 0.15
 LEAST_MOVED_M2 = 1e-4
+LEAST_POINTS = 100  # of the part in the first view
 # Half of a lever's pixels lie on rims and carry no surface.
 THIN_EXPLAINED, THIN_EVIDENCE = 0.33, 0.45
 
@@ -80,11 +81,16 @@ def judge(
         clear = explained.share >= THIN_EXPLAINED and best.evidence < THIN_EVIDENCE
     else:
         clear = explained.share >= LEAST_EXPLAINED
-    if travel.size < 100 or not clear:
+    if not clear:
         raise AbstainError(
             f"no single rigid motion explains the change: the best one explains {100 * explained.share:.0f} % of"
             " the moved points; remove hands and other moving things, give --region, or show the same side of the part"
             " twice"
+        )
+    if travel.size < LEAST_POINTS:
+        raise AbstainError(
+            f"the first view shows {travel.size} points of the part, at least {LEAST_POINTS} are needed; look from"
+            " nearer, or from where the part is seen before it moves"
         )
     for share, view in ((explained.before, "first"), (explained.after, "second")):
         if share < LEAST_OF_VIEW:

@@ -58,6 +58,7 @@ def judged(
     residual_m: float = 0.001,
     noise_m: float = 0.001,
     explained: Explained = ALL_EXPLAINED,
+    points: int = 300,
 ) -> list[str]:
     """The verdict on a clear motion of 5 cm whose best other family costs so much more."""
 
@@ -67,10 +68,19 @@ def judged(
         return SimpleNamespace(motion=motion(family, delta), cost=cost, evidence=0.2, refined=refined)
 
     ranked = [hypothesis(best, 0.3), hypothesis(other, 0.3 + apart)]
-    p = np.random.default_rng(0).uniform(0.05, 0.15, (300, 3))
+    p = np.random.default_rng(0).uniform(0.05, 0.15, (points, 3))
     scene: Any = SimpleNamespace(before=SimpleNamespace(points=p, sigma_m=np.full(len(p), noise_m)))
     parts: Any = SimpleNamespace(before=np.ones(len(p), dtype=bool))
     return judge(ranked, scene, parts, explained, thin)
+
+
+def test_a_part_that_the_first_view_hardly_shows_is_told_as_that() -> None:
+    assert not judged("prismatic", "revolute", 1.0, thin=False, points=100)
+    with pytest.raises(AbstainError, match="the first view shows 99 points of the part, at least 100"):
+        judged("prismatic", "revolute", 1.0, thin=False, points=99)
+    unclear = replace(ALL_EXPLAINED, share=0.3)
+    with pytest.raises(AbstainError, match=r"no single rigid motion explains the change: .* 30 %"):
+        judged("prismatic", "revolute", 1.0, thin=False, points=99, explained=unclear)
 
 
 @pytest.mark.parametrize(
