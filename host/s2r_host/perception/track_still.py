@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from s2r_host.perception.estimate import JointEstimate
 from s2r_host.perception.frames import DepthFrame
 from s2r_host.perception.motion import JointMotion
+from s2r_host.perception.view import thinning
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
@@ -28,7 +29,7 @@ class StillSurface:
     """Points that do not move, as a depth image of any camera."""
 
     def __init__(self, points: Array) -> None:
-        """Args: base frame [m], shape (n, 3), as dense as a camera's pixels; may be none."""
+        """Args: base frame [m], shape (n, 3), as dense as the pixels of a view, thinned if wide; may be none."""
         self._points = points
         self._latest: tuple[DepthFrame, Array] | None = None
 
@@ -49,15 +50,20 @@ class StillSurface:
         """Depth [m] in a frame's pixels, (h, w), 0 where nothing is known; kept while the camera stays."""
         if self._latest is not None and _same_camera(self._latest[0], frame):
             return self._latest[1]
-        h, w = frame.depth_m.shape
-        depth = np.zeros((h, w))
+        step = thinning(frame)
+        rows, columns = ((np.arange(n) + step // 2) // step for n in frame.depth_m.shape)
+        h, w = int(rows[-1]) + 1, int(columns[-1]) + 1
+        depth = np.zeros(
+            (h, w)
+        )  # as coarse as the points are dense, else most of a wide frame would know nothing
         q = (self._points - frame.X_base_camera[:3, 3]) @ frame.X_base_camera[:3, :3]
         q = q[q[:, 2] > 0.05]
         q = q[np.argsort(-q[:, 2])]  # of several in one pixel the nearest is seen
-        u = np.rint(frame.K[0, 0] * q[:, 0] / q[:, 2] + frame.K[0, 2]).astype(int)
-        v = np.rint(frame.K[1, 1] * q[:, 1] / q[:, 2] + frame.K[1, 2]).astype(int)
+        u = np.rint((frame.K[0, 0] * q[:, 0] / q[:, 2] + frame.K[0, 2]) / step).astype(int)
+        v = np.rint((frame.K[1, 1] * q[:, 1] / q[:, 2] + frame.K[1, 2]) / step).astype(int)
         inside = (u >= 0) & (u < w) & (v >= 0) & (v < h)
         depth[v[inside], u[inside]] = q[inside, 2]
+        depth = depth[np.ix_(rows, columns)]
         self._latest = frame, depth
         return depth
 

@@ -80,6 +80,11 @@ def noise_sigma(z: NDArray[np.floating], scale: float = 1.0) -> Array:
     return scale * (0.0004 + 0.0014 * np.asarray(z, dtype=np.float64) ** 2)
 
 
+def thinning(frame: DepthFrame) -> int:
+    """Of how many pixels in a row, and of how many rows, a view of a depth image takes one."""
+    return max(1, -(-frame.depth_m.shape[1] // WIDEST_PX))
+
+
 class DepthView:
     """A depth image with per-pixel normals and noise; answers by projection."""
 
@@ -100,7 +105,7 @@ class DepthView:
             raise BadViewError(
                 f"ignore has shape {ignore.shape}, the frame's depth {frame.depth_m.shape}; they must agree"
             )
-        stride = max(1, -(-frame.depth_m.shape[1] // WIDEST_PX))
+        stride = thinning(frame)
         depth = np.array(frame.depth_m, dtype=np.float64)
         # Images of 0 and 1, as OpenCV has masks, would be taken for numbers of rows.
         self.ignored: Mask = np.zeros(depth.shape, bool) if ignore is None else ignore.astype(bool)

@@ -13,6 +13,7 @@ from s2r_host.perception.intervals import Intervals
 from s2r_host.perception.motion import JointMotion
 from s2r_host.perception.track import JointTracker
 from s2r_host.perception.track_still import StillSurface
+from s2r_host.perception.view import DepthView
 from s2r_sim.objects.pairs import camera_of, draw_pair
 from s2r_sim.objects.scene import qpos_at, table_scene
 from s2r_sim.objects.splits import Split
@@ -178,3 +179,16 @@ def test_the_interval_holds_what_the_axis_is_known_to():
         assert state.value == pytest.approx(value, abs=0.02)
         ends[value] = state.interval90[1] - state.interval90[0]
     assert ends[-1.0] > 4 * ends[0.0]
+
+
+@pytest.mark.parametrize(("w", "h"), [(640, 360), (1280, 720), (1281, 721), (1999, 1125)])
+def test_all_of_a_frame_knows_what_stands_still_however_wide_it_is(w, h):
+    """Views are thinned: of a frame 1280 pixels wide a quarter of the pixels knew it."""
+    K = np.array([[0.7 * w, 0.0, w / 2], [0.0, 0.7 * w, h / 2], [0.0, 0.0, 1.0]])
+    rows = np.arange(h, dtype=np.float32)[:, None]
+    depth = np.broadcast_to(1.0 / (1.2 + 0.6 * rows / h), (h, w)).astype(np.float32)  # a plane: linear in 1/z
+    frame = DepthFrame(depth, K, np.eye(4))
+    still = StillSurface(DepthView(frame).points).depth_in(frame)
+    assert still.shape == (h, w)
+    assert (still > 0).mean() > 0.99
+    assert np.abs(still - frame.depth_m)[still > 0].max() < 0.002
