@@ -42,7 +42,12 @@ DEFAULT_EXECUTOR = "tcp/127.0.0.1:7447"
     help="Share of the recorded speed.",
 )
 @click.option(
-    "--from", "t_start", type=float, default=0.0, show_default=True, help="Begin at this plan time [s]."
+    "--from",
+    "t_start",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Begin at this plan time [s]. An arm that does not stand there plays the plan up to it first, at half speed.",
 )
 @click.option("--step", "step_s", type=FiniteRange(0), default=0.0, help="Pause after each so many seconds.")
 @click.option(
@@ -100,6 +105,8 @@ def replay(
     how fast it gets. The arm first goes to the start: along the plans recorded before it when it
     stands where one of them begins, else by a move checked against the arm and the table. A stand-in gets all of them,
     so that the object is where the plan met it; with --real nothing puts the object back.
+    With --from it then plays the plan itself up to that time, at half of its speed, and comes to rest there: only that
+    way is free of the object, which it moves.
     """
     for name, value in (("--executor", executor), ("--camera", camera), ("--tls", tls), ("--yes", yes)):
         if value and not real:
@@ -151,7 +158,7 @@ def replay(
         endpoint = executor or DEFAULT_EXECUTOR
         with _linked(endpoint, description, keys, tls) as link:
             link.check_records()  # the comparison needs one; told before the arm moves
-            _confirm(plan, sent, description, endpoint, yes)
+            _confirm(plan, sent, t_start, description, endpoint, yes)
 
             def on_the_arm(_: int) -> Replayed:
                 """Looking anew each time: the one before has moved the object."""
@@ -282,8 +289,10 @@ def _linked(endpoint: str, arm: ArmDescription, keys: ArmKeys, tls: Path | None)
         yield link
 
 
-def _confirm(plan: Replayable, sent: Any, arm: ArmDescription, endpoint: str, yes: bool) -> None:
-    """Show where it starts and how fast it gets; go on only when told to.
+def _confirm(
+    plan: Replayable, sent: Any, t_start: float, arm: ArmDescription, endpoint: str, yes: bool
+) -> None:
+    """Show where it starts, how it gets there and how fast it gets; go on only when told to.
 
     Raises:
         UsageError: Nobody is there to answer.
@@ -299,6 +308,12 @@ def _confirm(plan: Replayable, sent: Any, arm: ArmDescription, endpoint: str, ye
     for i, name in enumerate(arm.joint_names):
         share = fastest[i] / arm.limits.dq_max[i]
         click.echo(f"  {name:10s} {sent.q[0, i]:+15.4f} {fastest[i]:17.3f} {share:13.0%}", err=True)
+    if t_start > 0.0:
+        click.echo(
+            f"  unless the arm stands there, the plan's first {t_start:g} s are played before, at half of its speed; "
+            "they move what they moved",
+            err=True,
+        )
     if yes:
         return
     if not sys.stdin.isatty():

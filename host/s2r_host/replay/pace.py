@@ -1,4 +1,4 @@
-"""How a plan is replayed: slower, or from a later time with a start from rest on the same path."""
+"""How a plan is replayed: slower, or cut in two at a time, with rest between the two parts of the same path."""
 
 from __future__ import annotations
 
@@ -51,6 +51,25 @@ def from_time(trajectory: Trajectory, t_start: float) -> Trajectory:
         np.vstack([q, trajectory.q[later]]),
         np.vstack([velocity, trajectory.dq[later]]),
         np.vstack([acceleration, trajectory.ddq[later]]),
+    )
+
+
+def until_time(trajectory: Trajectory, t_end: float) -> Trajectory:
+    """The plan up to ``t_end`` [s], where it comes to rest: the mirror image of :func:`from_time`.
+
+    Raises:
+        TargetError: The time is outside the plan.
+    """
+    return _backwards(from_time(_backwards(trajectory), trajectory.duration_s - t_end))
+
+
+def _backwards(trajectory: Trajectory) -> Trajectory:
+    later = slice(None, None, -1)
+    return Trajectory(
+        trajectory.duration_s - trajectory.t[later],
+        trajectory.q[later],
+        -trajectory.dq[later],
+        trajectory.ddq[later],
     )
 
 

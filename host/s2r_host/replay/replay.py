@@ -1,4 +1,9 @@
-"""Send a recorded plan again: to its start by a checked move, through the same admission, then compare."""
+"""Send a recorded plan again: to where it begins, through the same admission, then compare.
+
+The way to the plan's start is a recorded one or a move that is checked against arm and table. From there on to a later
+time of the plan (``ReplaySettings.t_start``) only the plan itself knows the way: the fingertip is behind a handle or at
+a lid then, of which no such check knows.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +21,9 @@ from s2r_host.motion.collision import CollisionChecker
 from s2r_host.motion.joint_motion import plan_joint_motion
 from s2r_host.motion.obstacles import Obstacle, table_obstacle
 from s2r_host.recording import JointTrack, plan_track
-from s2r_host.replay.pace import from_time, path_time, slowed
+from s2r_host.replay.pace import from_time, path_time, slowed, until_time
 from s2r_host.replay.sources import Replayable
-from s2r_host.replay.way import missing_of, recorded_way
+from s2r_host.replay.way import JOINED_RAD, joined, missing_of, recorded_way
 from s2r_host.trajectory import TimeLawSettings, Trajectory, time_law
 from s2r_protocol.faults import ExecutorState
 
@@ -34,7 +39,7 @@ class ReplaySettings:
 
     Attributes:
         speed: Share of the recorded speed, in (0, 1].
-        t_start: Begin at this time of the plan [s].
+        t_start: Begin at this time of the plan [s], after the plan's own way there where the arm stands elsewhere.
         step_s: Pause after each so much of plan time [s]; 0 = do not.
         next_step: Called at each pause; False ends the replay with a stop.
     """
@@ -143,7 +148,7 @@ def replay_plan(
     plans: Sequence[Replayable] = (),
     as_found: bool = False,
 ) -> Replayed:
-    """Go to the start, send the plan, and compare with its first execution.
+    """Go to where it begins, send the plan, and compare with its first execution.
 
     Args:
         link: To the executor.
@@ -157,6 +162,7 @@ def replay_plan(
 
     Raises:
         NoMotionError: No free way to the start.
+        RecordingError: Of this plan or of one on the way to it only what a stop left was recorded.
         CommandRefusedError: Admission refused it; the text says why.
         ArmStoppedError: A protection stopped it, or the operator at a step.
     """
@@ -164,13 +170,13 @@ def replay_plan(
     trajectory = as_sent(plan, settings)
     with link.leased():
         link.arm_drives()
-        way = recorded_way(plans, plan, link.status().q_ref, whole=as_found)
-        for earlier in way:
-            _check_whole(earlier)
-            _go_to(link, arm, earlier.trajectory.q[0], obstacles, earlier.label)
-            again = slowed(earlier.trajectory, settings.speed)
-            link.wait_done(link.send_plan(again, f"replay: '{earlier.label}' on the way"))
-        _go_to(link, arm, trajectory.q[0], obstacles, plan.label)
+        q_now = link.status().q_ref
+        there = not as_found and joined(q_now, trajectory.q[0])
+        way = [] if there else recorded_way(plans, plan, q_now, whole=as_found)
+        for motion, label in [] if there else _before(plan, way, settings):
+            _go_to(link, arm, motion.q[0], obstacles, label)
+            link.wait_done(link.send_plan(motion, f"replay: {label}"))
+        _go_to(link, arm, trajectory.q[0], obstacles, f"'{plan.label}'")
         verdict = link.send_plan(trajectory, f"replay of '{plan.label}'")
         if settings.step_s > 0:
             _step(link, verdict.seq, settings)
@@ -178,6 +184,25 @@ def replay_plan(
     recording = link.recording(verdict.seq)
     compared = _against_first(plan, settings, trajectory, recording, verdict.seq)
     return Replayed(plan, verdict.seq, recording, compared, missing_of(plans, plan, way) if as_found else ())
+
+
+def _before(
+    plan: Replayable, way: Sequence[Replayable], settings: ReplaySettings
+) -> list[tuple[Trajectory, str]]:
+    """What is sent before the replay, with labels: the plans on the way, then the plan itself up to where it begins.
+
+    Raises:
+        RecordingError: Only what a stop left of one of them was recorded.
+    """
+    for earlier in way:
+        _check_whole(earlier)
+    motions = [(slowed(one.trajectory, settings.speed), f"'{one.label}' on the way") for one in way]
+    if settings.t_start > 0.0:
+        own = until_time(plan.trajectory, settings.t_start)
+        if np.ptp(own.q, axis=0).max() > JOINED_RAD:
+            slow = slowed(own, min(TRAVEL_SPEED, settings.speed))
+            motions.append((slow, f"'{plan.label}' up to {settings.t_start:g} s"))
+    return motions
 
 
 def _step(link: ExecutorLink, seq: int, settings: ReplaySettings) -> None:
@@ -256,7 +281,7 @@ def repeatability(replays: Sequence[Replayed], names: tuple[str, ...]) -> Repeat
 def _go_to(
     link: ExecutorLink, arm: ArmModel, q_start: np.ndarray, obstacles: Sequence[Obstacle], label: str
 ) -> None:
-    """A move to a plan's start that avoids table, obstacles and the arm itself; nothing when it stands there."""
+    """A move to a motion's start that avoids table, obstacles and the arm itself; nothing when it stands there."""
     q_now = link.status().q_ref
     if np.abs(q_now - q_start).max() < AT_START_RAD:
         return
@@ -265,4 +290,4 @@ def _go_to(
         checker, q_now, q_start, np.random.default_rng(0), what="way to the plan's start"
     )
     move = time_law(path, arm.arm, TimeLawSettings(speed=TRAVEL_SPEED))
-    link.wait_done(link.send_plan(move, f"replay: to the start of '{label}'"))
+    link.wait_done(link.send_plan(move, f"replay: to the start of {label}"))

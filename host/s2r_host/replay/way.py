@@ -30,16 +30,16 @@ def recorded_way(
         Empty when the arm stands at the start, or when no unbroken row of recorded plans begins where it stands.
     """
     start = plan.trajectory.q[0]
-    if not whole and _near(q_now, start):
+    if not whole and joined(q_now, start):
         return []
     row: list[Replayable] = []
     found: list[Replayable] = []
     for earlier in reversed([p for p in plans if p.number < plan.number]):
-        if earlier.first is None or not _near(earlier.trajectory.q[-1], start):
+        if earlier.first is None or not joined(earlier.trajectory.q[-1], start):
             break
         row.insert(0, earlier)
         start = earlier.trajectory.q[0]
-        if _near(q_now, start):
+        if joined(q_now, start):
             found = list(row)
             if not whole:
                 break
@@ -54,5 +54,6 @@ def missing_of(
     return tuple(p for p in plans if p.number < plan.number and p.first is not None and p.number not in sent)
 
 
-def _near(q: np.ndarray, other: np.ndarray) -> bool:
+def joined(q: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two postures (dof,) [rad] belong together."""
     return bool(np.abs(np.asarray(q) - other).max() < JOINED_RAD)

@@ -9,7 +9,7 @@ from s2r_host.cli_replay import _unused
 from s2r_host.errors import RecordingError, TargetError
 from s2r_host.recording import JOINT_STATE, STATE, JointTrack, RunRecorder, plan_track, stamp
 from s2r_host.replay.overlay import write_overlay
-from s2r_host.replay.pace import from_time, path_time, slowed
+from s2r_host.replay.pace import from_time, path_time, slowed, until_time
 from s2r_host.replay.replay import (
     Replayed,
     ReplaySettings,
@@ -156,6 +156,18 @@ def test_a_plan_begun_in_the_middle_starts_at_rest_and_stays_on_the_path(traject
     np.testing.assert_allclose(rest.q[-1], trajectory.q[-1], atol=1e-12)
     with pytest.raises(TargetError, match="outside the plan"):
         from_time(trajectory, 1.0)
+
+
+@pytest.mark.parametrize("t_end", [0.1, 0.5, 1.0])
+def test_a_plan_up_to_a_time_ends_there_at_rest_and_stays_on_the_path(trajectory, t_end):
+    first = until_time(trajectory, t_end)
+    np.testing.assert_allclose(first.q[0], trajectory.q[0], atol=1e-12)
+    np.testing.assert_allclose(first.q[-1], trajectory.sample(t_end)[0], atol=1e-12)
+    assert np.abs([first.dq[[0, -1]], first.ddq[[0, -1]]]).max() < 1e-12
+    played = first.sample(np.linspace(0.0, first.duration_s, 50))[0]
+    # All joints of this plan are proportional to each other.
+    assert np.ptp(played / np.linspace(0.1, 0.7, 7), axis=1).max() < 1e-6
+    assert (np.diff(played, axis=0) > -1e-9).all()
 
 
 def paused(k):
