@@ -6,7 +6,7 @@ Whatever the file says goes through the same admission as any plan; here it is o
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -147,6 +147,8 @@ def _from_references(recording: Recording, arm: ArmDescription) -> list[Replayab
     found = []
     for number, segment in enumerate(segments(recording), start=1):
         keep = np.nonzero(inside(joints.stamp_ns, segment))[0]
+        if not len(keep):  # the commands end before the states do
+            continue
         t_all = (joints.stamp_ns[keep] - joints.stamp_ns[keep[0]]) * 1e-9
         moving = np.nonzero(np.abs(joints.dq[keep]).max(axis=1) > 0)[0]
         if len(moving) < 2:
@@ -180,19 +182,21 @@ def _order(names: tuple[str, ...] | list[str], arm: ArmDescription) -> list[int]
 def trajectory_of_message(body: Mapping[str, Any], arm: ArmDescription) -> Trajectory:
     """A ``trajectory_msgs/JointTrajectory`` as knots, joints brought into the arm's order by name.
 
-    Without velocities the positions are way-points and get a time law of ours. Without accelerations these are the
-    differences of the velocities; admission judges what comes of it.
+    Without any velocities the positions are way-points and get a time law of ours. Without any accelerations these are
+    the differences of the velocities; admission judges what comes of it.
 
     Raises:
-        RecordingError: Other joints, fewer than two points, or arrays that do not fit.
+        RecordingError: Other joints, fewer than two points, arrays that do not fit, or numbers that are not finite.
         TrajectoryError: Way-points that cannot be timed.
     """
     order = _order(body["joint_names"], arm)
     points = body["points"]
     if len(points) < 2:
         raise RecordingError(f"the trajectory has {len(points)} points, needs at least 2")
-    q = _column(points, "positions", arm)[:, order]
-    if not len(points[0]["velocities"]):
+    q, dq, ddq = (_column(points, kind, order, arm) for kind in ("positions", "velocities", "accelerations"))
+    if q is None:
+        raise RecordingError("the trajectory's points have no positions")
+    if dq is None:
         return time_law(q, arm, TimeLawSettings(speed=_WAYPOINT_SPEED))
     stamps = [p["time_from_start"] for p in points]
     t = np.array([s["sec"] + 1e-9 * s["nanosec"] for s in stamps], float)
@@ -200,17 +204,25 @@ def trajectory_of_message(body: Mapping[str, Any], arm: ArmDescription) -> Traje
         raise RecordingError(
             "the trajectory's times do not rise; time_from_start must grow from point to point"
         )
-    dq = _column(points, "velocities", arm)[:, order]
-    has_ddq = len(points[0]["accelerations"]) > 0
-    ddq = _column(points, "accelerations", arm)[:, order] if has_ddq else np.gradient(dq, t, axis=0)
-    if not has_ddq:
+    if ddq is None:
+        ddq = np.gradient(dq, t, axis=0)
         ddq[0] = ddq[-1] = 0.0
     return Trajectory(t - t[0], q, dq, ddq)
 
 
-def _column(points: list[Mapping[str, Any]], name: str, arm: ArmDescription) -> np.ndarray:
-    rows = [np.asarray(point[name], float) for point in points]
+def _column(
+    points: Sequence[Mapping[str, Any]], kind: str, order: list[int], arm: ArmDescription
+) -> np.ndarray | None:
+    """One kind of all points in the arm's order, (n, dof); None if no point has it."""
+    rows = [np.asarray(point[kind], float) for point in points]
+    if not any(len(row) for row in rows):
+        return None
     bad = next((i for i, row in enumerate(rows) if len(row) != arm.dof), None)
     if bad is not None:
-        raise RecordingError(f"point {bad} has {len(rows[bad])} {name}, {arm.name} has {arm.dof} joints")
-    return np.array(rows)
+        raise RecordingError(f"point {bad} has {len(rows[bad])} {kind}, {arm.name} has {arm.dof} joints")
+    values = np.array(rows)[:, order]
+    for i, j in np.argwhere(~np.isfinite(values)):
+        raise RecordingError(
+            f"point {i}, joint {arm.joint_names[j]!r}: {kind} = {values[i, j]} is no finite number"
+        )
+    return values

@@ -263,6 +263,30 @@ def test_a_foreign_trajectory_that_cannot_be_meant_is_refused_by_name(trajectory
     short["points"][2]["positions"] = [0.0]
     with pytest.raises(RecordingError, match="point 2 has 1 positions"):
         trajectory_of_message(short, ARM)
+    nowhere = message(trajectory)
+    for point in nowhere["points"]:
+        point["positions"] = []
+    with pytest.raises(RecordingError, match="no positions"):
+        trajectory_of_message(nowhere, ARM)
+
+
+@pytest.mark.parametrize("kind", ["positions", "velocities"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_foreign_trajectory_with_a_number_that_is_none_is_refused_by_point_and_joint(
+    trajectory, kind, value
+):
+    spoilt = message(trajectory, (*NAMES[3:], *NAMES[:3]))
+    spoilt["points"][3][kind] = np.where(np.arange(7) == 1, value, spoilt["points"][3][kind])
+    with pytest.raises(RecordingError, match=rf"point 3, joint 'joint5': {kind} = {value} is no finite"):
+        trajectory_of_message(spoilt, ARM)
+
+
+@pytest.mark.parametrize("row", [0, 4])
+def test_a_point_without_velocities_among_others_does_not_drop_all_times(trajectory, row):
+    gap = message(trajectory)
+    gap["points"][row]["velocities"] = []
+    with pytest.raises(RecordingError, match=f"point {row} has 0 velocities, xmate3pro has 7 joints"):
+        trajectory_of_message(gap, ARM)
 
 
 def test_a_table_of_positions_is_a_source(tmp_path, trajectory):
@@ -360,6 +384,23 @@ def test_an_executors_own_recording_is_a_source_without_a_run_folder(tmp_path, t
     np.testing.assert_allclose(only.trajectory.sample(t)[0], trajectory.sample(t)[0], atol=2e-4)
     assert isinstance(only, Replayable)
     assert only.first is not None
+
+
+def test_a_plan_whose_commands_were_lost_is_left_out(tmp_path, trajectory):
+    """Of a file that was cut off the states may reach further than the commands."""
+    path = tmp_path / "plan.mcap"
+    with RunRecorder(path, "/lab/xmate3pro", NAMES) as recorder:
+        for seq, commanded in ((4, True), (5, False)):
+            for k in range(101):
+                t_ns = 10_000_000_000 * seq + k * 10_000_000
+                q, dq, _ = trajectory.sample(k * 1e-2)
+                header = {"stamp": stamp(t_ns)}
+                body = {"header": header, "name": NAMES, "position": q, "velocity": dq}
+                for topic in ("joint_states", "joint_commands")[: 1 + commanded]:
+                    recorder._put(topic, JOINT_STATE, body, t_ns)
+                state = {"header": header, "plan_seq": seq, "plan_t": k * 1e-2}
+                recorder._put("executor_state", STATE, state, t_ns)
+    assert [plan.label for plan in read_source(path, ARM)] == ["plan 4"]
 
 
 @pytest.mark.parametrize("stopped", [False, True])
