@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from s2r_protocol.arms.source import FINGER_PREFIX, WORLD, ArmSource, problems_i
 _UPRIGHT_RAD = 0.01
 _PARALLEL_RAD = 2e-3  # 1.57 for a right angle is off by 0.8e-3
 _OUTWARDS = 0.5  # least cosine between the tool's z axis and the way to it
+_BESIDE = 1e-6  # of a limit: rounding [rad, m]
 _NO_PRODUCT = 1e-6  # of a moment of inertia, what frames turned to and fro leave
 _DIGITS = 9
 _BASE_INERTIAL = Inertial(1.0, np.zeros(3), 0.01 * np.eye(3))  # it never moves
@@ -92,6 +93,8 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
     tree = _without(tree, wishes)
     tip = wishes.tip or _only_tip(tree, wishes.base or tree.root, wishes)
     base = wishes.base or _first_body(tree, tip)
+    if base == WORLD:
+        base, tree, wishes = _with_base_named(tree, wishes, told)
     chain = _chain(tree, base, tip, wishes)
     told.append(f"the arm's joints are {', '.join(j.name for j in chain)}")
     _tell_tilt(tree, base, told)
@@ -114,8 +117,6 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         {**joint, "parent": names[k], "child": names[k + 1], "origin": bodies.step(names[k], names[k + 1])}
         for k, joint in enumerate(joints)
     ]
-    if base == WORLD:
-        _rename(raw, WORLD, next(n for n in ("base", "arm_base", "arm_root") if n not in poses), told)
     try:
         source = ArmSource.model_validate(raw)
     except ValidationError as error:
@@ -127,7 +128,8 @@ def import_arm(urdf: Path, wishes: Wishes) -> Imported:
         for a, b in pairs
         if bodies.carrier(a) != bodies.carrier(b)
     ]
-    return Imported(source.model_copy(update={"collision_exclude": (*wishes.exclude, *pairs)}), tuple(told))
+    pairs = [*source.collision_exclude, *pairs]
+    return Imported(source.model_copy(update={"collision_exclude": tuple(pairs)}), tuple(told))
 
 
 def _without_placeholders(source: ArmSource, told: list[str]) -> ArmSource:
@@ -146,14 +148,17 @@ def _without_placeholders(source: ArmSource, told: list[str]) -> ArmSource:
     return source
 
 
-def _rename(raw: dict[str, Any], old: str, new: str, told: list[str]) -> None:
-    """Give a link another name wherever it is named."""
-    told.append(f"link '{old}' is called '{new}' here")
-    holders = [raw, raw["tool"], *raw["links"], *raw["joints"], *raw["mounts"], *raw["shapes"]]
-    for holder, key in itertools.product(holders, ("base", "link", "parent")):
-        if holder.get(key) == old:
-            holder[key] = new
-    raw["links"][0]["name"] = new
+def _with_base_named(tree: UrdfTree, wishes: Wishes, told: list[str]) -> tuple[str, UrdfTree, Wishes]:
+    """Another name for the base ``world``, as no link of an arm may be called, and tree and wishes with it."""
+    new = next(name for name in ("base", "arm_base", "arm_root") if name not in tree.links)
+    told.append(f"link '{WORLD}' is called '{new}' here")
+
+    def here(link: str) -> str:
+        return new if link == WORLD else link
+
+    exclude = tuple((here(a), here(b)) for a, b in wishes.exclude)
+    fingers = tuple(map(here, wishes.fingers))
+    return new, tree.renamed(WORLD, new), replace(wishes, fingers=fingers, exclude=exclude)
 
 
 def _refuse_unknown(tree: UrdfTree, wishes: Wishes) -> None:
@@ -274,8 +279,8 @@ def _poses(
         for joint in (j for j in tree.joints.values() if j.parent == link):
             X = poses[link] @ joint.X_parent_joint
             if joint.kind != "fixed" and joint.name not in moving:
-                value, unit = _held_at(tree, joint, wishes), "m" if joint.kind == "prismatic" else "rad"
-                told.append(f"joint '{joint.name}' is held at {value:g} {unit}")
+                value = _held_at(tree, joint, moving, wishes)
+                told.append(_said_of_held(joint, value))
                 step = np.eye(4)
                 if joint.kind == "prismatic":
                     step[:3, 3] = value * joint.axis
@@ -291,15 +296,29 @@ def _poses(
     return poses
 
 
-def _held_at(tree: UrdfTree, joint: UrdfJoint, wishes: Wishes) -> float:
+def _held_at(tree: UrdfTree, joint: UrdfJoint, moving: set[str], wishes: Wishes) -> float:
+    """Where a joint stands [rad, m], all joints of the arm at zero; a follower where its leader has it."""
+    if joint.name in moving:
+        return 0.0
     if joint.name in wishes.held:
         return wishes.held[joint.name]
     if joint.mimic is not None and joint.mimic[0] in tree.joints:
         leader, factor, shift = joint.mimic
-        return factor * wishes.held.get(leader, 0.0) + shift
+        return factor * _held_at(tree, tree.joints[leader], moving, wishes) + shift
     if joint.kind == "continuous" or joint.lower is None or joint.upper is None:
         return 0.0
     return min(max(0.0, joint.lower), joint.upper)
+
+
+def _said_of_held(joint: UrdfJoint, value: float) -> str:
+    unit = "m" if joint.kind == "prismatic" else "rad"
+    said = f"joint '{joint.name}' is held at {value:g} {unit}"
+    if joint.kind == "continuous" or joint.lower is None or joint.upper is None:
+        return said
+    if joint.lower - _BESIDE <= value <= joint.upper + _BESIDE:
+        return said
+    hint = "" if joint.kind == "prismatic" else ", degrees?"
+    return f"{said}, beyond its limits {[_short(joint.lower), _short(joint.upper)]} {unit}{hint}"
 
 
 def _joints(
@@ -395,6 +414,7 @@ class _Bodies:
             for link in (body, *filter(self.is_mount, self.members(body))):
                 try:
                     found.append(_link(link, possible(link, self._whole(body, link), told)))
+                    told += self._points(body, link)
                 except ArmDescriptionError as error:
                     if body == self.names[0]:
                         told.append(f"{error}; 1 kg stands for it, as it does not move")
@@ -407,10 +427,21 @@ class _Bodies:
             )
         return found
 
-    def _whole(self, body: str, link: str) -> Inertial | None:
-        """All that moves with a body or mount and is no mount of its own."""
+    def _parts(self, body: str, link: str) -> list[tuple[str, Inertial | None, np.ndarray]]:
+        """All that moves with a body or mount and is no mount of its own, with its pose in it (4, 4)."""
         placed = [(m, *self.place(m)) for m in self.members(body)]
-        return together([(self._tree.links[m].inertial, X) for m, place, X in placed if place == link])
+        return [(m, self._tree.links[m].inertial, X) for m, place, X in placed if place == link]
+
+    def _whole(self, body: str, link: str) -> Inertial | None:
+        return together([(inertial, X) for _, inertial, X in self._parts(body, link)])
+
+    def _points(self, body: str, link: str) -> list[str]:
+        """What is told about the parts that have a mass and no inertia."""
+        return [
+            f"link '{part}' has a mass of {inertial.mass:g} kg and no inertia: it counts as a point"
+            for part, inertial, _ in self._parts(body, link)
+            if inertial is not None and not inertial.inertia.any()
+        ]
 
     def _stands_alone(self, body: str) -> bool:
         """Whether a body's own mass can be written; a point without extent is a part of what carries it."""

@@ -40,7 +40,7 @@ def possible(link: str, inertial: Inertial | None, told: list[str]) -> Inertial:
         ArmDescriptionError: There is no mass or no inertia, or no body comes near it.
     """
     if inertial is None:
-        raise ArmDescriptionError(f"link '{link}' has no mass or no inertia")
+        raise ArmDescriptionError(f"link '{link}' has no mass")
     moments, axes = np.linalg.eigh(inertial.inertia)
     said = ", ".join(f"{v:.4g}" for v in moments)
     if moments[2] <= 0.0 or moments[0] < -_REPAIRED * moments[2]:

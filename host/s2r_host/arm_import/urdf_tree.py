@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 import xml.parsers.expat as expat
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +44,7 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link; ``inertial`` is None where the URDF has none, or no mass."""
+    """A link; ``inertial`` is None where the URDF has no mass, and without moments where it has no ``<inertia>``."""
 
     name: str
     inertial: Inertial | None
@@ -94,6 +94,24 @@ class UrdfTree:
             link = carrier[link].parent
         return way
 
+    def renamed(self, old: str, new: str) -> UrdfTree:
+        """The same tree with another name for one link."""
+
+        def here(link: str) -> str:
+            return new if link == old else link
+
+        links = {here(name): replace(link, name=here(name)) for name, link in self.links.items()}
+        joints = {
+            name: replace(joint, parent=here(joint.parent), child=here(joint.child))
+            for name, joint in self.joints.items()
+        }
+        return UrdfTree(self.name, links, joints)
+
+    def leader_of(self, joint: str) -> str | None:
+        """The joint that a joint follows; None where it moves by itself, or where there is no such leader."""
+        mimic = self.joints[joint].mimic
+        return None if mimic is None or mimic[0] not in self.joints else mimic[0]
+
     def below(self, link: str) -> Iterator[str]:
         """A link and all that hangs off it."""
         yield link
@@ -133,6 +151,7 @@ def read_urdf(path: Path) -> UrdfTree:
         joints[name] = _joint(tag, name, path)
     tree = UrdfTree(root.get("name", ""), links, joints)
     _refuse_no_tree(tree, path)
+    _refuse_followers_in_a_circle(tree, path)
     return tree
 
 
@@ -163,6 +182,18 @@ def _refuse_no_tree(tree: UrdfTree, path: Path) -> None:
         raise ArmDescriptionError(f"{path}: some links hang in a circle; the links of a URDF form one tree")
 
 
+def _refuse_followers_in_a_circle(tree: UrdfTree, path: Path) -> None:
+    for name in tree.joints:
+        followed, leader = [name], tree.leader_of(name)
+        while leader is not None and leader not in followed:
+            followed.append(leader)
+            leader = tree.leader_of(leader)
+        if leader is not None:
+            raise ArmDescriptionError(
+                f"{path}: joint {leader!r} follows itself by way of <mimic>: {', '.join(followed)}"
+            )
+
+
 def _name(tag: ET.Element, who: str) -> str:
     name = tag.get("name", "")
     if not name:
@@ -181,11 +212,12 @@ def _inertial(tag: ET.Element | None, who: str) -> Inertial | None:
         return None
     mass_tag, inertia_tag = tag.find("mass"), tag.find("inertia")
     mass = 0.0 if mass_tag is None else _number(mass_tag, "value", who) or 0.0
-    if mass <= 0.0 or inertia_tag is None:
+    if mass <= 0.0:
         return None
     X = origin(tag, who, ArmDescriptionError)
     xx, yy, zz, xy, xz, yz = (
-        _number(inertia_tag, key, who) or 0.0 for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        0.0 if inertia_tag is None else _number(inertia_tag, key, who) or 0.0
+        for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     )
     moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return Inertial(mass, X[:3, 3], X[:3, :3] @ moments @ X[:3, :3].T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -191,6 +192,16 @@ def test_a_mass_without_a_shape_that_is_fixed_to_a_link_is_a_part_of_it(turned, 
     assert hand.com == pytest.approx((0.0, 0.0, 0.055))
 
 
+def test_a_mass_without_inertia_counts_as_a_point_and_is_told(turned):
+    frame = '<link name="tcp"><inertial><origin xyz="0 0 0.01"/><mass value="5"/></inertial></link>'
+    turned.write_text(TURNED.replace('<link name="tcp"/>', frame))
+    found = import_arm(turned, FINGERS_CLOSED)
+    hand = found.source.link_named("hand")
+    assert hand.mass == 5.5
+    assert hand.com == pytest.approx((0.0, 0.0, (0.5 * 0.02 + 5.0 * 0.1) / 5.5))
+    assert "link 'tcp' has a mass of 5 kg and no inertia: it counts as a point" in found.told
+
+
 def test_moments_of_inertia_that_are_off_by_little_are_raised_and_told(turned):
     turned.write_text(
         TURNED.replace('ixx="0.003" iyy="0.02" izz="0.02"', 'ixx="0.003" iyy="0.02" izz="0.0235"')
@@ -245,6 +256,51 @@ def test_another_axis_of_the_tip_may_point_out_of_the_gripper(turned, axis):
     assert (says in "\n".join(found.told)) == (axis != "z")
 
 
+def _follower(name: str, leader: str, factor: float) -> str:
+    """One more finger that slides as another one does."""
+    return f"""<joint name="{name}" type="prismatic"><parent link="hand"/><child link="{name}_finger"/>
+      <axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="9"/>
+      <mimic joint="{leader}" multiplier="{factor}" offset="0.001"/></joint>
+      <link name="{name}_finger"><collision><geometry><sphere radius="0.005"/></geometry></collision></link>"""
+
+
+@pytest.mark.parametrize(
+    ("range_m", "wishes", "held"),
+    [
+        (
+            'lower="0.01" upper="0.04"',
+            Wishes(tip="tcp"),
+            "grip 0.01, follows 0.01, third 0.021, fourth -0.02",
+        ),
+        ('lower="0" upper="0.04"', FINGERS_CLOSED, "grip 0.005, follows 0.005, third 0.011, fourth -0.01"),
+        ('lower="0" upper="0.04"', Wishes(tip="tcp"), "grip 0, follows 0, third 0.001, fourth 0"),
+    ],
+)
+def test_a_follower_stands_where_its_leader_has_it(turned, range_m, wishes, held):
+    more = _follower("third", "follows", 2.0) + _follower("fourth", "third", -1.0)
+    text = TURNED.replace("</robot>", more + "</robot>").replace('lower="0" upper="0.04"', range_m, 1)
+    turned.write_text(text)
+    told = import_arm(turned, wishes).told
+    for one in held.split(", "):
+        name, value = one.split()
+        assert f"joint '{name}' is held at {value} m" in told
+
+
+def test_followers_in_a_circle_are_refused(turned):
+    more = _follower("third", "fourth", 1.0) + _follower("fourth", "third", 1.0)
+    turned.write_text(TURNED.replace("</robot>", more + "</robot>"))
+    with pytest.raises(
+        ArmDescriptionError, match="joint 'third' follows itself by way of <mimic>: third, fourth"
+    ):
+        import_arm(turned, FINGERS_CLOSED)
+
+
+def test_a_joint_held_beyond_its_limits_is_told(turned):
+    told = import_arm(turned, Wishes(tip="tcp", held={"grip": 0.0, "j3": 40.0})).told
+    assert "joint 'j3' is held at 40 rad, beyond its limits [0.5, 2.5] rad, degrees?" in told
+    assert "joint 'grip' is held at 0 m" in told
+
+
 def test_an_arm_that_hangs_from_the_ceiling_hangs(turned):
     turned.write_text(TURNED.replace('xyz="0 0 0.7"', 'xyz="0 0 0.7" rpy="3.14159265 0 0"'))
     found = import_arm(turned, FINGERS_CLOSED)
@@ -254,6 +310,17 @@ def test_an_arm_that_hangs_from_the_ceiling_hangs(turned):
     assert mujoco.MjModel.from_xml_string(ArmDescription(found.source, turned.parent).mjcf).njnt == 3
     own = import_arm(turned, Wishes(base="foot", tip="tcp"))
     assert "base 'foot' is tilted by 180° in the URDF" in "\n".join(own.told)
+
+
+def test_a_base_that_had_to_get_another_name_has_it_everywhere(turned):
+    ceiling = TURNED.replace('xyz="0 0 0.7"', 'xyz="0 0 0.7" rpy="3.14159265 0 0"')
+    solid = '<link name="world"><collision><geometry><sphere radius="2"/></geometry></collision></link>'
+    turned.write_text(ceiling.replace('<link name="world"/>', solid))
+    found = import_arm(turned, replace(FINGERS_CLOSED, exclude=(("world", "l2"),)))
+    excluded = found.source.collision_exclude
+    assert excluded[0] == ("base", "l2")
+    assert ("base", "l3") in [tuple(sorted(pair)) for pair in excluded]
+    assert "links 'base' and 'l3' touch in every pose and are not checked" in found.told
 
 
 def test_the_narrower_of_soft_and_hard_limits_are_kept(turned):
@@ -278,7 +345,7 @@ def test_what_was_decided_is_told(turned):
         "joint 'grip' is held at 0.005 m",
         "joint 'follows' is held at 0.005 m",
         "links that do not hang off 'foot' are left out",
-        "link 'foot' has no mass or no inertia; 1 kg stands for it",
+        "link 'foot' has no mass; 1 kg stands for it",
         "'j1' turns without end",
         "1 meshes became",
         "tool_tip is the frame of 'tcp'",
@@ -349,7 +416,7 @@ def test_the_text_reads_back_to_the_same_arm(turned, tmp_path):
         ('<axis xyz="0 0 -1"/>', '<axis xyz="0 0 0"/>', "joint 'j3': axis 0 0 0 has no direction"),
         ('velocity="2" effort="30"', 'velocity="0"', "joint 'j3' has no velocity, effort above 0"),
         ('name="j3" type="revolute"', 'name="j3" type="prismatic"', "'j3' is prismatic.*--hold j3=0"),
-        ('<mass value="2"/>', "", "link 'l2' has no mass or no inertia; it moves: say it in its <inertial>"),
+        ('<mass value="2"/>', "", "link 'l2' has no mass; it moves: say it in its <inertial>"),
         ('ixx="0.003" iyy="0.02"', 'ixx="0.5" iyy="0.02"', "link 'l2'.*triangle"),
         (
             'effort="30"/>',
