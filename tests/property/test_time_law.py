@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from s2r_host.trajectory import TimeLawSettings, point_to_point, time_law
+from s2r_host.trajectory import TimeLawSettings, time_law
 from s2r_host.trajectory.torque import InverseDynamics
 from s2r_protocol.arms import load_arm
 
@@ -62,17 +62,6 @@ def test_timed_path_obeys_every_limit_and_stays_near_the_targets(seed):
     q = trajectory.sample(np.linspace(0.0, trajectory.duration_s, 150))[0]
     # 4 mrad of smoothing, plus the spline's way round the corners of the smoothed points.
     assert distance_to_polyline(q, path).max() < 0.006
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_bridge_obeys_every_limit_between_its_knots(seed):
-    rng = np.random.default_rng(seed)
-    q0, q1 = (rng.uniform(0.6 * ARM.limits.q_min, 0.6 * ARM.limits.q_max) for _ in range(2))
-    trajectory = point_to_point(q0, q1, ARM)
-    assert_within_limits(trajectory, 0.96, 0.91)
-    assert_at_rest_at_both_ends(trajectory, q0, q1)
-    line = np.abs(trajectory.sample(np.linspace(0.0, trajectory.duration_s, 50))[0] - q0) / np.abs(q1 - q0)
-    assert np.ptp(line, axis=1).max() < 1e-6
 
 
 def test_half_speed_takes_twice_the_time():

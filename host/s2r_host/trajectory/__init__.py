@@ -1,6 +1,5 @@
 """Time laws: from joint paths to trajectories the executor admits."""
 
-from s2r_host.trajectory.bridge import point_to_point
 from s2r_host.trajectory.deliver import Delivery, deliver, plan_trajectory
 from s2r_host.trajectory.time_law import TimeLawSettings, time_law
 from s2r_host.trajectory.trajectory import Trajectory, TrajectoryError
@@ -14,7 +13,6 @@ __all__ = [
     "TrajectoryError",
     "deliver",
     "plan_trajectory",
-    "point_to_point",
     "replay",
     "time_law",
 ]
