@@ -10,7 +10,8 @@ namespace {
 constexpr int kMostParts = 4000;  // of a tick: what is stiffer still is as good as rigid, and explodes
 
 int parts_of(double step, double fastest, double phase) {
-  return std::clamp(static_cast<int>(std::ceil(fastest * step / phase)), 1, kMostParts);
+  // Limited before it is an int: a gear that is stiff enough asks for more parts than one holds.
+  return static_cast<int>(std::fmin(std::fmax(std::ceil(fastest * step / phase), 1.0), kMostParts));
 }
 
 // What changes evenly between two rows, from a place between them on.

@@ -176,6 +176,15 @@ def test_numbers_that_make_no_machine_are_refused(wrong, named):
         behind_recorded_motor(**right)
 
 
+def test_more_parts_than_an_int_holds_are_as_many_as_are_taken_at_most():
+    rows: dict[str, Any] = {name: np.ones(5) for name in ("inertia", "load", "slope", "bend")}
+    found, most = (
+        behind_recorded_motor(dt=DT, **rows, stiffness=1e4, damping=1.0, gap=0.001, phase=phase)
+        for phase in (1e-12, 1e-6)
+    )
+    assert np.array_equal(found, most)
+
+
 @pytest.fixture(scope="module")
 def bouncing(tmp_path_factory):
     """A recording of a stiff servo with play behind its motor, whose link bounces; flanks are hardly damped."""
