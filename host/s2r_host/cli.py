@@ -73,7 +73,7 @@ DEFAULT_CAMERA = "tcp/127.0.0.1:7448"
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Plan with so many believable objects, drawn from the estimate's intervals.",
+    help="Plan with so many believable objects, an odd number, drawn from the estimate's intervals.",
 )
 @click.option(
     "--reactive",

@@ -51,8 +51,8 @@ from s2r_protocol.targets import read_joint_value
     "--ensemble",
     metavar="N|FILE",
     multiple=True,
-    help="Score every sample with N believable objects, and take their intervals from FILE: gap.json of 's2r gap' or "
-    "model.json of 's2r build-model'. May be given several times; with a file alone N is 3.",
+    help="Score every sample with N believable objects, an odd number, and take their intervals from FILE: gap.json of "
+    "'s2r gap' or model.json of 's2r build-model'. May be given several times; with a file alone N is 3.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print plan.json on standard output.")
 def plan(

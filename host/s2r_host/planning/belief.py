@@ -95,12 +95,12 @@ def draw_belief(doubt: Doubt, rng: np.random.Generator) -> Belief:
 
 
 def draw_ensemble(doubt: Doubt, count: int, rng: np.random.Generator) -> tuple[Belief, ...]:
-    """The object file's object and ``count - 1`` others, in opposite pairs so that they are not one-sided."""
+    """The object file's object and ``count - 1`` others, ``count`` odd: in opposite pairs they are not one-sided."""
     found = [Belief()]
-    while len(found) < count:
+    for _ in range(count // 2):
         chances = _chances(doubt, rng)
         found += [_belief_at(doubt, *chances), _belief_at(doubt, *(-part for part in chances))]
-    return tuple(found[:count])
+    return tuple(found)
 
 
 def _chances(doubt: Doubt, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -108,12 +108,12 @@ def _with_gap(doubt: Doubt, content: dict[str, Any], path: Path, scene: Scene) -
     """
     found: dict[str, tuple[float, float, float]] = {}
     spoken = set()
-    for entry in content.get("parameters_off", []):
+    for entry in _entries(content, "parameters_off"):
         spoken.add(str(entry.get("joint", entry.get("body"))))
         if entry["name"] in _NUMBERS and entry.get("joint") == scene.joint:
             found[_NUMBERS[entry["name"]]] = (float(entry["to"]), *_ends(entry))
     patched = _patched_numbers(path, scene.joint)
-    for entry in content.get("effects", []):
+    for entry in _entries(content, "effects"):
         spoken.add(str(entry.get("joint")))
         if entry["name"] in _EFFECTS and entry.get("joint") == scene.joint:
             key, name = _EFFECTS[entry["name"]]
@@ -138,6 +138,13 @@ def _with_gap(doubt: Doubt, content: dict[str, Any], path: Path, scene: Scene) -
             )
         spans[name] = factors(value, low, high)
     return replace(doubt, **spans)
+
+
+def _entries(content: dict[str, Any], key: str) -> list[dict[str, Any]]:
+    entries = content.get(key, [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise TypeError(f"{key} is no list of objects")
+    return entries
 
 
 def _ends(entry: dict[str, Any]) -> tuple[float, float]:

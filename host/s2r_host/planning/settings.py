@@ -253,7 +253,10 @@ class PlanSettings:
         _require(self.backtracks >= 0, "backtracks", self.backtracks, "zero or more")
         _require(self.hooks >= 1, "hooks", self.hooks, "at least 1")
         _require(self.threads >= 0, "threads", self.threads, "zero or more")
-        _require(self.ensemble >= 1, "ensemble", self.ensemble, "at least 1")
+        odd = self.ensemble >= 1 and self.ensemble % 2 == 1
+        _require(
+            odd, "ensemble", self.ensemble, "an odd number: the believed object and opposite pairs of others"
+        )
         _require(len(self.cascade) >= 1, "cascade", self.cascade, "at least one stage")
         steps = [self.fine_timestep_s, *(stage.timestep_s for stage in self.cascade)]
         for step in steps:

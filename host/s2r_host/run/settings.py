@@ -112,6 +112,11 @@ class RunSettings:
         for name in ("pushes", "attempts", "ensemble"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)} is not allowed; at least 1")
+        if self.ensemble % 2 == 0:
+            raise UsageError(
+                f"--ensemble {self.ensemble} is not allowed; an odd number: the believed object and opposite pairs of "
+                "others"
+            )
         if unknown := set(self.without) - set(TEACHERS):
             raise UsageError(f"--without {sorted(unknown)[0]!r} is unknown; there are {', '.join(TEACHERS)}")
         if "gap" in self.without and not self.learn_physics:

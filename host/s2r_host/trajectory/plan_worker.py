@@ -88,15 +88,18 @@ def ensemble(values: tuple[str, ...]) -> tuple[int, tuple[Path, ...]]:
     Raises:
         UsageError: Several numbers, or one out of range.
     """
-    numbers = [int(value) for value in values if value.isdigit()]
-    files = tuple(Path(value) for value in values if not value.isdigit())
+    numbers = [int(value) for value in values if value.isdecimal()]
+    files = tuple(Path(value) for value in values if not value.isdecimal())
     if len(numbers) > 1:
         raise UsageError(
             f"--ensemble was given {len(numbers)} numbers of members; give one, and files besides"
         )
     members = numbers[0] if numbers else (_MEMBERS if files else 1)
-    if not 1 <= members <= _MOST_MEMBERS:
-        raise UsageError(f"--ensemble {members} is not allowed: 1 to {_MOST_MEMBERS} believable objects")
+    if not 1 <= members <= _MOST_MEMBERS or members % 2 == 0:
+        raise UsageError(
+            f"--ensemble {members} is not allowed: an odd number up to {_MOST_MEMBERS}, the believed object and "
+            "opposite pairs of others"
+        )
     return members, files
 
 

@@ -87,6 +87,15 @@ def test_a_plan_with_an_ensemble_costs_that_many_rollouts_and_is_the_same_for_an
     assert per_step == pytest.approx(3.0 * alone.env_steps / alone.control_steps, rel=0.02)
 
 
-def test_an_empty_ensemble_is_refused():
-    with pytest.raises(PlanSettingsError, match="ensemble = 0"):
-        PlanSettings(ensemble=0)
+@pytest.mark.parametrize("count", [0, 2, 4])
+def test_an_ensemble_that_would_be_empty_or_one_sided_is_refused(count):
+    with pytest.raises(PlanSettingsError, match=f"ensemble = {count} .* an odd number"):
+        PlanSettings(ensemble=count)
+
+
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_an_ensemble_is_believed_in_the_middle(count):
+    drawn = draw_ensemble(Doubt(), count, np.random.default_rng(0))
+    assert len(drawn) == count
+    assert np.mean([b.joint_friction for b in drawn]) == pytest.approx(1.0)
+    assert np.mean([b.shift_m for b in drawn], axis=0) == pytest.approx(np.zeros(3), abs=1e-15)

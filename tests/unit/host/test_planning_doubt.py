@@ -207,6 +207,8 @@ def test_files_that_say_nothing_usable_are_refused(drawer, tmp_path):
         (_model_answer(joint_type="revolute"), "about a revolute joint; joint .object_joint. of the scene is a slide"),
         (_model_answer(intervals90={"delta": [0.0, 0.1]}), "entry 'axis_angle_rad' is missing"),
         (_model_answer().replace("0.02", "-0.02"), "axis_angle_rad = -0.02 is not allowed"),
+        ('{"verdict": "x", "effects": ["damping"]}', "as intervals: effects is no list of objects"),
+        ('{"verdict": "x", "parameters_off": {"damping": 1}}', "parameters_off is no list of objects"),
     ):  # fmt: skip
         path.write_text(text)
         with pytest.raises(DoubtFileError, match=said):

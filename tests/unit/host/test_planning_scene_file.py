@@ -66,6 +66,21 @@ def refused(path, joint, target, **changes):
     return answer["exit_code"], answer["refused"], out
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (("4",), "--ensemble 4 is not allowed: an odd number up to 99"),
+        (("101",), "--ensemble 101 is not allowed"),
+        (("3", "5"), "was given 2 numbers"),
+        (("²",), "file with intervals ² cannot be read"),
+    ],
+)
+def test_an_ensemble_that_cannot_be_meant_is_refused(scene_file, values, said):
+    exit_code, reason, _ = refused(scene_file(), "tap", 0.5, ensemble=values)
+    assert exit_code == 2
+    assert said in reason
+
+
 def test_the_body_that_moves_needs_no_name(scene_file):
     path = scene_file(text=SCENE.replace('<body name="lever"', "<body"))
     scene = scene_of(path)

@@ -135,6 +135,11 @@ def test_a_target_where_the_part_is_left_already_is_refused(tmp_path):
         RunSettings(0.15, tmp_path / "run", then=(0.152,))
 
 
+def test_an_ensemble_of_an_even_number_is_refused(tmp_path):
+    with pytest.raises(UsageError, match=r"--ensemble 4 is not allowed; an odd number"):
+        RunSettings(0.15, tmp_path / "run", ensemble=4)
+
+
 def test_figures_are_inlined_whole():
     figure = stages_figure([Stage("connect", 0.0, 0.5, 0.1)])
     assert inline_svg(figure).startswith("<svg")
