@@ -37,7 +37,7 @@ class _Checker:
 
     def touching(self, q: np.ndarray) -> str | None:
         """What touches what at a posture, or None."""
-        return "something" if self._space.contacts(q[None], self._s)[0] else None
+        return "something" if self._space.touches(q[None], self._s)[0] else None
 
     def line_is_free(self, q_from: np.ndarray, q_to: np.ndarray) -> bool:
         """Whether the straight joint-space line is free."""

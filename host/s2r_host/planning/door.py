@@ -53,6 +53,15 @@ def check_target(request: PlanRequest, scene: Scene, tolerance: float) -> None:
             )
 
 
+def check_links(request: PlanRequest, scene: Scene) -> None:
+    """Refuse a start pose from which the executor refuses every motion."""
+    near = scene.links.near(np.asarray(request.q_initial, dtype=float)[None])
+    if near is not None:
+        raise PlanRefusedError(
+            f"at the start pose {near}; the executor refuses every motion from there: move them apart first"
+        )
+
+
 def _refuse_absurd_way(request: PlanRequest, scene: Scene) -> None:
     """Refuse ways of a joint without limits that no arm goes along with."""
     way = abs(request.s_target - request.s_initial)

@@ -1,4 +1,7 @@
-"""Postures of the whole arm among the scene's geoms: which touch something, many at a time, without physics."""
+"""Postures of the whole arm among the scene's geoms: which touch something, many at a time, without physics.
+
+Links of the arm touch each other from as far apart as the executor wants them: it would refuse what lets them nearer.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 
 from s2r_host.planning.contact_count import ContactCount
 from s2r_host.planning.scene import GeomKind, Scene
+from s2r_protocol.arms.clearance import SHAPE_INFLATION_M
 
 _ARM_BIT, _FINGER_BIT = 1, 2
 STEP_RAD = 0.06  # between postures that are looked at along a line
@@ -17,7 +21,7 @@ FINE_STEP_RAD = 0.02  # the same where a way is to be gone: no bar is stepped ov
 
 
 class FreeSpace:
-    """Counts the robot's contacts at postures of the arm and states of the object."""
+    """Says where the robot touches something, at postures of the arm and states of the object."""
 
     def __init__(
         self,
@@ -34,28 +38,36 @@ class FreeSpace:
         With ``rims`` the robot touches the part wherever it may reach to.
         """
         self._dof, self._s = scene.dof, scene.s_qpos
-        robot = [
-            _of_robot(scene, threads, margin_m, touching=touching, rims=rims) for touching in (False, True)
-        ]
-        fingers = [_of_fingers(scene, threads, margin_m)] if margin_m > 0.0 else []
-        self._all, self._touching = ([count, *fingers] for count in robot)
+        more = [_of_links(scene, threads)]
+        if margin_m > 0.0:
+            more.append(_of_fingers(scene, threads, margin_m))
+        self._all, self._touching = (
+            [_of_robot(scene, threads, margin_m, touching=touching, rims=rims), *more]
+            for touching in (False, True)
+        )
         self._qpos0 = scene.fine.qpos0.copy()
         if others is not None:
             self._qpos0[scene.dof :] = others
 
-    def contacts(self, q: np.ndarray, s: float | np.ndarray, *, touching: bool = False) -> np.ndarray:
-        """Number of contacts, (n,), at postures q (n, dof) with the object's joint at s; see ``touching`` above."""
+    def touches(self, q: np.ndarray, s: float | np.ndarray, *, touching: bool = False) -> np.ndarray:
+        """Whether the robot touches something, (n,), at postures q (n, dof) with the object's joint at s.
+
+        With ``touching`` the fingers may touch the part.
+        """
         rows = np.tile(self._qpos0, (len(q), 1))
         rows[:, : self._dof] = q
         rows[:, self._s] = s
-        count, *more = self._touching if touching else self._all
-        return sum((other.at(rows) for other in more), count.at(rows))
+        hit = np.zeros(len(q), dtype=bool)
+        for count in self._touching if touching else self._all:
+            left = np.flatnonzero(~hit)
+            hit[left] = count.at(rows[left]) > 0
+        return hit
 
     def blocked_share(self, q_from: np.ndarray, q_to: np.ndarray, s: float, count: int = 10) -> np.ndarray:
         """Share of the straight lines from one posture to several (n, dof) that touches something, (n,)."""
         share = (np.arange(count) + 1.0) / (count + 1.0)
         points = q_from + share[None, :, None] * (q_to[:, None] - q_from)
-        hits = self.contacts(points.reshape(-1, q_to.shape[1]), s) > 0
+        hits = self.touches(points.reshape(-1, q_to.shape[1]), s)
         return hits.reshape(len(q_to), count).mean(axis=1)
 
     def path_is_free(self, q_path: np.ndarray, s: float, step_rad: float = STEP_RAD) -> bool:
@@ -64,20 +76,34 @@ class FreeSpace:
         for a, b in pairwise(q_path):
             count = max(1, int(np.ceil(np.abs(b - a).max() / step_rad)))
             points.append(a + (np.arange(1, count + 1) / count)[:, None] * (b - a))
-        return not self.contacts(np.concatenate(points), s).any()
+        return not self.touches(np.concatenate(points), s).any()
 
 
 def _of_robot(scene: Scene, threads: int, margin_m: float, *, touching: bool, rims: bool) -> ContactCount:
-    """Contacts that the robot has; with ``touching``, fingers against the part have none."""
+    """Contacts that the robot has with anything else; with ``touching``, fingers against the part have none."""
     kind = scene.geom_kind
     robot, finger = kind >= GeomKind.ROBOT, kind == GeomKind.FINGER
     solid = (scene.solid | scene.rims if rims else scene.solid) & ~robot
     model = _without_contacts(scene)
     model.geom_contype[robot] = np.where(finger[robot], _FINGER_BIT, _ARM_BIT)
-    model.geom_conaffinity[robot | solid] = _ARM_BIT | _FINGER_BIT
+    model.geom_conaffinity[solid] = _ARM_BIT | _FINGER_BIT
     if touching:
         model.geom_conaffinity[solid & (kind == GeomKind.PART)] = _ARM_BIT
     _keep_apart(model, robot & ~finger, margin_m)
+    return ContactCount(model, threads)
+
+
+def _of_links(scene: Scene, threads: int) -> ContactCount:
+    """Contacts of the arm's links with each other, all made as much thicker as admission makes them.
+
+    Of two boxes askew MuJoCo tells the distance only roughly; :class:`LinksApart` has the last word on a motion.
+    """
+    robot = scene.geom_kind >= GeomKind.ROBOT
+    model = _without_contacts(scene)
+    model.geom_contype[robot] = model.geom_conaffinity[robot] = _ARM_BIT
+    # What may touch its neighbour is excluded by name. The gripper is none of the link before the last.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    _keep_apart(model, robot, SHAPE_INFLATION_M)
     return ContactCount(model, threads)
 
 

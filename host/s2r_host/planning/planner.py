@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_host.planning.blocked import check_gets_there
 from s2r_host.planning.cascade import Cascade
-from s2r_host.planning.door import check_numbers, check_target
+from s2r_host.planning.door import check_links, check_numbers, check_target
 from s2r_host.planning.execution import FineWorld
 from s2r_host.planning.hook import Hook
 from s2r_host.planning.hooking import find_hooks
@@ -145,3 +145,4 @@ def _check_possible(request: PlanRequest, scene: Scene, world: FineWorld, tolera
         raise PlanRefusedError(
             f"the start pose is in contact: {contact}; move the arm away from the object first"
         )
+    check_links(request, scene)

@@ -111,7 +111,7 @@ class Postures:
         q, good = self._tool.solve_many(at.p, at.R, np.concatenate(seeds))
         at, q = at.at(good), q[good]
         self._reached += len(q)
-        free = self._space.contacts(q, self._s) == 0
+        free = ~self._space.touches(q, self._s)
         at, q = at.at(free), q[free]
         self._free += len(q)
         return at, q
@@ -157,7 +157,7 @@ class Postures:
         p_now, R_now = pose
         reached, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q, _STEPS_NEAR)
         ok = ok & (np.abs(reached - q).max(axis=1, initial=0.0) < _LARGEST_TURN_RAD)
-        return ok & (self._space.contacts(reached, s, touching=True) == 0), reached
+        return ok & ~self._space.touches(reached, s, touching=True), reached
 
     def _lets_go(
         self,
@@ -170,11 +170,11 @@ class Postures:
         """Whether the fingertip is free when it goes back to its place beside the part, and can back out, (n,)."""
         p_now, R_now = pose
         beside, ok = self._tool.solve_many(p_now + p_part @ R_now.T, R_tool, q, _STEPS_NEAR)
-        ok = ok & (self._space.contacts(beside, s) == 0)
+        ok = ok & ~self._space.touches(beside, s)
         out, good = self._tool.solve_many(
             p_now + p_part @ R_now.T - FUNNEL_M * R_tool[:, :, 2], R_tool, beside, _STEPS_NEAR
         )
-        return ok & good & (self._space.contacts(out, s) == 0)
+        return ok & good & ~self._space.touches(out, s)
 
     def with_approach(self, hooks: list[Hook], most: int) -> list[Hook]:
         """Hooks that the arm has a free way to, with that way, in the given order; only so many are looked for."""
@@ -222,7 +222,7 @@ class Postures:
         if self._scene.prismatic:  # a turned finger touches the part on both sides of a narrow gap
             p_end, R_end = self._part[-1]
             q_end, good = self._tool.solve_many(p_end + p_part[left] @ R_end.T, R_tool, q, _STEPS_NEAR)
-            left = left[good & (self._space.contacts(q_end, self._s_target) == 0)]
+            left = left[good & ~self._space.touches(q_end, self._s_target)]
         ok = np.zeros(len(p_part), dtype=bool)
         ok[left] = True
         return ok, ways

@@ -11,11 +11,13 @@ import copy
 import enum
 import warnings
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from s2r_host.motion.links_apart import LinksApart
 from s2r_host.object_names import RIM_PREFIX
 from s2r_host.planning.scene_file import SceneFileError, one_line, read_scene
 from s2r_host.planning.scene_spec import (
@@ -102,6 +104,11 @@ class Scene:
     def axis_stays(self) -> bool:
         """Whether the joint's axis stands still in the world: nothing that carries the part can move."""
         return bool(self.fine.body_weldid[self.fine.body_parentid[self.part_body]] == 0)
+
+    @cached_property
+    def links(self) -> LinksApart:
+        """Tells postures of the arm that the executor refuses for links that are too near to each other."""
+        return LinksApart(self.arm)
 
     def rollout_model(self, stage: Stage) -> mujoco.MjModel:
         """The coarse model at a stage's time step, with or without the arm's collisions with itself."""

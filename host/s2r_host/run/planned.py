@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from s2r_host.errors import TargetError
-from s2r_host.motion.arm_model import ArmModel
-from s2r_host.motion.collision import Clearance, CollisionChecker
 from s2r_host.motion.escape import Escape, plan_escape
 from s2r_host.motion.object_shapes import object_obstacles
 from s2r_host.motion.obstacles import cloud_obstacle, table_obstacle
@@ -26,14 +24,11 @@ from s2r_host.run.tries import Try
 from s2r_host.trajectory import Delivery, TimeLawSettings, deliver
 from s2r_host.trajectory.deliver import MotionHitsError, apart
 from s2r_host.trajectory.perturb import PERTURBATIONS
-from s2r_protocol.arms.clearance import LINKS_APART_M
 
 BESIDE = 0.1  # of what is good enough: motions that leave the part further beside are timed once more
 # How far the servos of a plan's end are believed to give way at first: at the fingertip, and as a share of the way.
 YIELDS_M, YIELDS_SHARE = 0.002, 0.25
 OWN_REACH_M = 0.025  # observed points this near a piece of the model belong to it
-_LOOKED_AT = 400  # postures of a motion, some centimetres apart at most
-_APART_MORE_M = 1e-4  # between two of these
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,28 +102,12 @@ def planned_once(
     beside = abs(delivery.replay.final + end.yields - request.s_target)
     if end.touching and beside > BESIDE * settings.task.good_enough:
         delivery, end = delivered(end.yields)
-    keep_links_apart(session.arm, delivery.trajectory.q)
     played = delivery.replay
     touched = int(np.argmax(np.abs(played.s - s_initial) > settings.task.moving))
     left = ManipulationEnd(delivery.trajectory.q[-1], played.final, played.q_meas[:touched])
     escape, home = way_home(session, belief, request, number, view, left)
     motions = (Motion(delivery.trajectory, f"manipulation {number}"), *home)
     return PlannedManipulation(number, request, result, delivery, escape, motions, end, pace=session.pace)
-
-
-def keep_links_apart(arm: ArmModel, q: np.ndarray) -> None:
-    """Refuse a motion (n, dof) [rad] that admission would: the planner keeps links less far from each other.
-
-    Raises:
-        MotionHitsError: Two links come too near to each other.
-    """
-    checker = CollisionChecker(arm, (), Clearance(self_m=LINKS_APART_M + _APART_MORE_M))
-    for k in np.unique(np.linspace(0, len(q) - 1, min(len(q), _LOOKED_AT)).astype(int)):
-        pair = checker.touching(q[k])
-        if pair is not None:
-            raise MotionHitsError(
-                f"on the way two links come nearer than {1e3 * LINKS_APART_M:.0f} mm: {pair}"
-            )
 
 
 def request_for(session: Session, belief: Belief, number: int, s_initial: float, one: Try) -> PlanRequest:

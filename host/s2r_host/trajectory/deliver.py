@@ -40,7 +40,10 @@ _LARGEST_M = 0.04  # a larger correction means that the fingertip lost the part
 
 
 class MotionHitsError(PlanRefusedError):
-    """A plan was found, but timed within the arm's limits its motion hits what it only just passes in the plan."""
+    """A plan was found, but timed within the arm's limits its motion hits what it only just passes in the plan.
+
+    Or two links of the arm come nearer to each other than the executor admits: the plan has them only not touch.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +342,7 @@ def _corrected(
     """The delivery along one path.
 
     Raises:
-        MotionHitsError: It touches something unexpected.
+        MotionHitsError: It touches something unexpected, or two links come too near to each other.
         PlanRefusedError: It does not end on target, or takes too much.
         TrajectoryError: It cannot be timed.
     """
@@ -352,6 +355,9 @@ def _corrected(
         played = replay(trajectory, request, scene)
         found = played.problem(tolerance, request.settings)
         if found is None and abs(played.offset) < 0.5 * tolerance:
+            near = scene.links.near(trajectory.q)
+            if near is not None:
+                raise MotionHitsError(f"on the way {near}")
             return Delivery(trajectory, played, correction, followed, timed.speed)
         problem = found or f"the timed motion ends {played.offset:+.4f} from the target"
         if played.contact is not None:

@@ -71,6 +71,10 @@ def retreat(motion: Trajectory, request: PlanRequest, scene: Scene) -> Retreat:
         except TrajectoryError as error:
             problem = str(error)
             continue
+        near = scene.links.near(trajectory.q)
+        if near is not None:
+            problem = f"on the way out {near}"
+            continue
         world.restore(end)
         control = servo_targets(trajectory, replace(request, q_initial=path[0]))[1]
         standing = round(settings.hold_s / settings.fine_timestep_s)
@@ -105,7 +109,7 @@ def _ways_out(
     for out_m in _OUT_M:
         for back_m in _BACK_M:
             off = _straight(tool, q_end, p, p + back_m * back, R)
-            if off is None or space.contacts(off[-1:], s)[0]:
+            if off is None or space.touches(off[-1:], s)[0]:
                 continue
             for direction in directions:
                 unit = direction / np.linalg.norm(direction)

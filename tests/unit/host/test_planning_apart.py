@@ -68,7 +68,7 @@ def test_room_is_what_lies_between_the_shapes(task):
     way = np.concatenate([[request.q_initial], hook.approach, hook.route[:2]])
     points = np.concatenate([np.linspace(a, b, 40) for a, b in pairwise(way)])
     room_m = np.array([least_room_m(scene, world, q) for q in points])
-    counted = FreeSpace(scene, 1, APART_M, world.others).contacts(points, 0.0) > 0
+    counted = FreeSpace(scene, 1, APART_M, world.others).touches(points, 0.0)
     near, far = room_m < 0.95 * APART_M, room_m > 1.05 * APART_M
     assert near.sum() >= 5
     assert far.sum() >= 50

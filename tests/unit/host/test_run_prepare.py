@@ -3,19 +3,15 @@
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from s2r_host.errors import TargetError
-from s2r_host.motion.arm_model import ArmModel
 from s2r_host.planning import OutOfReachError, patience
 from s2r_host.planning.patience import Patience
 from s2r_host.run import prepare
-from s2r_host.run.planned import keep_links_apart
 from s2r_host.run.task import FAUCET
 from s2r_host.run.tries import FailedTry, Try, grouped
 from s2r_host.trajectory.deliver import MotionHitsError
-from s2r_protocol.arms import load_arm
 
 TARGET = 0.4
 STOPS = [0.1, 0.25]
@@ -221,13 +217,3 @@ def test_a_correction_is_made_with_a_fragile_plan_that_cannot_spoil_it(monkeypat
     trial = Trial(monkeypatch, lambda target, tolerance: 0.9 * to_go)
     assert trial.prepare(s_initial=TARGET - to_go, number=2).delivery.fragile
     assert len(trial.asked) == len(prepare.CORRECTION_DOUBTS)
-
-
-def test_a_motion_on_which_two_links_come_too_near_is_another_try():
-    """Admission refuses it; the run ended there, as no other plan was asked for."""
-    arm = ArmModel(load_arm("xmate3pro"))
-    folded = np.array([0.0, -1.5, 0.0, 2.07, 0.0, 2.07, 0.0])
-    way = np.linspace(arm.arm.q_home, folded, 50)
-    keep_links_apart(arm, way[:5])
-    with pytest.raises(MotionHitsError, match=r"two links come nearer than 10 mm: \w+ against \w+"):
-        keep_links_apart(arm, way)
