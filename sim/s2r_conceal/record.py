@@ -112,10 +112,10 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
 
 
 def expected_of(case: Case, measured: Measured) -> list[str]:
-    """Right verdicts; without effort and gains those that positions allow.
+    """Right verdicts; without effort and gains those that positions allow, what they tell best first.
 
-    Whoever has positions alone sees nothing of an effect that the loop takes up, so that nobody can exclude one on a
-    clean machine either.
+    To ask for effort is right on all of these. Whoever has positions alone sees nothing of an effect that the loop
+    takes up, so that nobody can exclude one on a clean machine either.
     """
     expected = list(case.expected)
     if not case.mask.no_effort:
@@ -123,7 +123,7 @@ def expected_of(case: Case, measured: Measured) -> list[str]:
     if not case.effects:
         return [*expected, "insufficient"]
     if max(measured.distinct_q.values()) >= DISTINCT_ENOUGH:
-        return expected
+        return [*expected, "insufficient"]
     seen = max(measured.strength_q.values()) >= DISTINCT_ENOUGH  # though other gains could explain it
     return ["insufficient", *expected] if seen else ["insufficient"]
 

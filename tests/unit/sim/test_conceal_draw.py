@@ -291,10 +291,10 @@ def _case_without_effort(many, group):
     [
         (1.0, 0.5, ["insufficient"]),
         (4.0, 1.0, ["insufficient", "physics_missing"]),  # other gains would move positions as much
-        (4.0, 2.0, ["physics_missing"]),
+        (4.0, 2.0, ["physics_missing", "insufficient"]),
     ],
 )
-def test_without_effort_it_is_insufficient_only_what_positions_do_not_show(many, seen, distinct, right):
+def test_without_effort_a_name_is_right_only_where_positions_show_it(many, seen, distinct, right):
     floor = Floor(np.ones(1), np.ones(1))
     measured = Measured(floor, strength_q={0: seen}, distinct_q={0: distinct})
     assert expected_of(_case_without_effort(many, "masked"), measured) == right

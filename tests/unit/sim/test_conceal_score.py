@@ -295,13 +295,13 @@ def test_answers_without_effort_are_told_apart_by_what_positions_tell():
 
     scores = [
         score(["insufficient"], _named(verdict="insufficient")),
-        score(["physics_missing"], _named(verdict="insufficient")),
-        score(["physics_missing"], _named("backlash")),
+        score(["physics_missing", "insufficient"], _named(verdict="insufficient")),
+        score(["physics_missing", "insufficient"], _named("backlash")),
+        score(["insufficient", "physics_missing"], _named(verdict="nothing_missing")),
     ]
     lines = {line.name: line for line in table(scores)}
     for name, value, count in (
-        ("masked, no effort: right verdict", 2 / 3, 3),
-        ("masked, no effort, positions cannot tell: right verdict", 1.0, 1),
+        ("masked, no effort: right verdict", 3 / 4, 4),
         ("masked, no effort, positions tell: first name right", 0.5, 2),
     ):
         assert (lines[name].value, lines[name].count) == (pytest.approx(value), count)
