@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -274,14 +275,15 @@ def _held(decision: Decision) -> float:
 def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem:
     """The regression with what law, kinematics and stamps say beforehand; ``bounded``: see ``build_problem``."""
     fit, hold, repeats = a.fit, a.hold, a.repeats
-    problem = build_problem(a.model, fit, hold, repeats, bounded=bounded)
+    assemble = partial(build_problem, a.model, bounded=bounded, skip=config.skip)
+    problem = assemble(fit, hold, repeats)
     late = [f for f in problem.law if f.name == "clock_skew"]
     if late:
         fit, hold, repeats = (aligned(a.model, x, lags_of(late)) for x in (fit, hold, repeats))
         find_edges(fit + hold + repeats, a.model)
         for raw, moved in zip(a.fit + a.hold + a.repeats, fit + hold + repeats, strict=True):
             raw.lead[:], raw.v_eps[:] = moved.lead, moved.v_eps
-        before, problem = problem, build_problem(a.model, fit, hold, repeats, bounded=bounded)
+        before, problem = problem, assemble(fit, hold, repeats)
         problem.law = late + [f for f in problem.law if f.name != "clock_skew"]
         problem.set_right = _set_right(before, problem)
     behind = [c.joint for c in problem.contradictions if c.finding is not None]
@@ -289,9 +291,8 @@ def _stated(a: Analysis, config: GapConfig, *, bounded: bool = False) -> Problem
         links = [links_alone(a.model, x, behind) for x in (fit, hold, repeats)]
         find_edges(links[0] + links[1] + links[2], a.model)
         seen = problem.law, problem.contradictions, problem.set_right
-        problem = build_problem(a.model, *links, bounded=bounded)
+        problem = assemble(*links)
         problem.law, problem.contradictions, problem.set_right = seen
-    problem.law = [f for f in problem.law if f.name not in config.skip]
     problem.contradictions = [
         replace(c, finding=None) if c.finding is not None and c.finding.name in config.skip else c
         for c in problem.contradictions

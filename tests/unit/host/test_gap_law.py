@@ -82,6 +82,18 @@ def test_a_delay_behind_a_measured_effort_is_named_with_its_size(model):
     assert said.parameters["delay"]["value"] == pytest.approx(5 * DT, rel=0.05)
 
 
+def test_a_lag_that_is_not_looked_for_is_told_as_the_next_best_and_never_as_a_law_that_holds(model):
+    def lagging(u):
+        return lfilter([0.2], [1.0, -0.8], u)
+
+    runs = [[recorded(model, k, drive=lagging)] for k in (0, 1)]
+    assert check_law(model, *runs, 0).name == "bandwidth"
+    said = check_law(model, *runs, 0, skip=("bandwidth",))
+    assert said is not None
+    assert said.name == "actuator_delay"
+    assert "bandwidth" not in said.rivals
+
+
 @pytest.mark.parametrize("limit", [4.0, 0.8])  # now and then, and for most of the time
 def test_a_clip_behind_a_measured_effort_is_named_with_its_limit(model, limit):
     said = found(model, drive=lambda u: np.clip(u, -limit, limit))

@@ -6,7 +6,7 @@ the law says what was asked. A wrong controller gain and late position stamps sh
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,8 +103,13 @@ class _Rows:
         return lowpass(x, cut, self.s.dt)[margin:-margin:step]
 
 
-def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint: int) -> LawFinding | None:
-    """The best explanation for a law that does not hold, or None when it holds or is not known."""
+def check_law(
+    model: RigidModel, fit: list[Session], hold: list[Session], joint: int, skip: Collection[str] = ()
+) -> LawFinding | None:
+    """The best explanation for a law that does not hold, or None when it holds or is not known.
+
+    What is in ``skip`` is not looked for, so that the next best is said in its place.
+    """
     rows = [_rows(model, s, joint, s in hold) for s in fit + hold if s.has_u[joint]]
     usable = [r for r in rows if r is not None]
     if len(usable) != len(rows) or not usable:
@@ -127,12 +132,15 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
         ]
     else:  # what was asked for can be delayed by stamps alone
         found.append(_shift(test, EFFORT_CLOCK, _delayed, BOTH_WAYS))
-    found.sort(key=lambda f: -f[0])
+    tried = {f[1]: f for f in found}
+    found = sorted((f for f in found if _in_catalogue(f[1]) not in skip), key=lambda f: -f[0])
+    if not found:
+        return None
     gain, name, share, parameters, shape = found[0]
-    if name in OLD:
-        delay = next(f for f in found if f[1] == "actuator_delay")
-        if moved_before(fit, joint, delay[4]["delay"]):
-            gain, name, share, parameters, shape = _as_clock(delay)
+    if name in OLD and moved_before(fit, joint, tried["actuator_delay"][4]["delay"]):
+        if _in_catalogue(EFFORT_CLOCK) in skip:
+            return None
+        gain, name, share, parameters, shape = _as_clock(tried["actuator_delay"])
     if gain < LEAST_GAIN or share < 0.3 or test.relative * (1.0 - share) > MAX_MISFIT:
         return None
     if name == "clock_skew" and -_held_for(usable[0].s) < shape["lag"] < 0.0:
@@ -153,6 +161,10 @@ def check_law(model: RigidModel, fit: list[Session], hold: list[Session], joint:
         return _late_effort(joint, gain, share, parameters, shape, rivals)
     rivals = {f[1]: f[0] for f in found[1:] if f[1] != EFFORT_CLOCK}
     return LawFinding(name, joint, gain, share, parameters, shape, rivals)
+
+
+def _in_catalogue(name: str) -> str:
+    return "clock_skew" if name == EFFORT_CLOCK else name
 
 
 def moved_before(fit: list[Session], joint: int, delay: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -187,6 +188,7 @@ def build_problem(
     repeats: list[Session],
     *,
     bounded: bool = False,
+    skip: Collection[str] = (),
 ) -> Problem:
     """Assemble the regression.
 
@@ -196,6 +198,7 @@ def build_problem(
         hold: Sessions that may only be predicted; when empty 30 % of each fit session are held.
         repeats: Second runs of a motion among ``fit``: they set the noise floor.
         bounded: Without second runs, the channels' own noise bounds the floor.
+        skip: What the control law is not asked for.
     """
     ctx = Context(model, fit)
     sessions = fit + hold
@@ -246,7 +249,7 @@ def build_problem(
         problem.alike = alike
         problem.twin = _second_runs(model, problem, fit, repeats)
         problem.wanders = [w for j in joints if (w := wandering(model, j, fit, repeats)) is not None]
-    problem.law = [f for j in joints if (f := check_law(model, fit, hold, j)) is not None]
+    problem.law = [f for j in joints if (f := check_law(model, fit, hold, j, skip)) is not None]
     problem.contradictions = [c for j in joints if (c := contradiction(model, fit, j)) is not None]
     problem.contradictions += [c for c in parted_ties(model, fit) if c.joint in joints]
     return problem
