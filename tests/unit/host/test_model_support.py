@@ -71,6 +71,15 @@ def test_what_hangs_over_the_part_is_no_support(z_m, height_m):
     assert p[2] == pytest.approx(height_m, abs=0.001)
 
 
+@pytest.mark.parametrize(("up", "told"), [(Z, Z), (None, np.array([0.0, -1.0, 0.0]))])
+def test_without_any_plane_it_stands_at_the_lowest_point_of_what_is_level_or_of_the_picture(up, told):
+    rng = np.random.default_rng(0)
+    rest, part = rng.uniform(-0.2, 0.2, (50, 3)), rng.uniform(-0.1, 0.1, (50, 3))
+    p, normal = _support(rest, np.tile(Z, (50, 1)), part, np.zeros(3), up, rng)
+    np.testing.assert_array_equal(normal, told)
+    assert p @ told == (rest @ told).min()
+
+
 @pytest.fixture(scope="module")
 def drawer() -> Pair:
     return drawer_pair(np.random.default_rng(4))
