@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from s2r_conceal.effects.table import EFFECTS, altered_machine
@@ -11,7 +12,7 @@ from s2r_conceal.model_side import built_in, wrong_values
 from s2r_conceal.motions import DURATION_S
 from s2r_conceal.parameters import Controller, Heating, Machine, Motion, Scale, Sensing
 from s2r_conceal.plans import GROUPS, Plan, expected_verdicts, plans_of
-from s2r_conceal.plant import Active
+from s2r_conceal.plant import Active, Column
 from s2r_conceal.rigs import Rig, rig_named
 from s2r_conceal.setting import (
     draw_controller,
@@ -68,9 +69,22 @@ class Case:
     plan: Plan = ("", (), 0.0)
     feed_forward: float = 0.0
 
-    def effects_for(self, role: str) -> tuple[Active, ...]:
-        """Effects at work in the recording of that role."""
-        return tuple(_for_role(active, role) for active in [*self.effects, *self.in_model])
+    @property
+    def effort(self) -> str:
+        """Which of a trace's efforts is recorded."""
+        return "tau_measured" if self.mask.measured_effort else "tau_commanded"
+
+    def run(self, role: str, effects: Iterable[Active], noise: tuple[int, ...] | None = None) -> Column:
+        """The recording of that role with these effects at work, to be simulated; without noise for None."""
+        return Column(
+            machine=self.machine,
+            controller=self.controller,
+            motion=self.motions[role],
+            sensing=self.sensing,
+            heating=self.heating,
+            effects=tuple(_for_role(active, role) for active in effects),
+            noise=noise,
+        )
 
 
 def _for_role(active: Active, role: str) -> Active:

@@ -14,7 +14,7 @@ from s2r_conceal.masks import rows
 from s2r_conceal.motions import RATE_HZ
 from s2r_conceal.plant import Column, Trace, simulate
 from s2r_conceal.streams import Purpose, stream, words
-from s2r_conceal.strength import DISTINCT_ENOUGH, Measured
+from s2r_conceal.strength import DISTINCT_ENOUGH, Measured, floor_between, rms
 
 ACTIVE_SHARE = 0.2  # an effect is at work where its contribution exceeds this share of its 98th percentile
 MERGE_S = 0.06  # intervals closer than this are one, as each is widened by half of it; below a sixth they are dropped
@@ -56,20 +56,10 @@ def record(cases: Sequence[Case], measured: Sequence[Measured], substeps: int = 
 
 
 def _columns(case: Case) -> list[Column]:
-    def column(role: str, noise: tuple[int, ...] | None) -> Column:
-        return Column(
-            machine=case.machine,
-            controller=case.controller,
-            motion=case.motions[role],
-            sensing=case.sensing,
-            heating=case.heating,
-            effects=case.effects_for(role),
-            noise=noise,
-        )
-
     told, told_controller = with_parameters_off(case)
-    noisy = [column(role, words(Purpose.NOISE, case.seed, k)) for k, role in enumerate(ROLES)]
-    oracle = column("holdout", None)
+    at_work = [*case.effects, *case.in_model]
+    noisy = [case.run(role, at_work, words(Purpose.NOISE, case.seed, k)) for k, role in enumerate(ROLES)]
+    oracle = case.run("holdout", at_work)
     believed = replace(oracle, machine=told, controller=told_controller, effects=tuple(case.in_model))
     return [*noisy, oracle, believed]
 
@@ -81,7 +71,7 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         recordings[role] = _table(case, role, trace, chosen, t)
         shown[role] = _Shown(role, trace, chosen, t)
     fit, repeat, holdout, oracle, believed = traces
-    floor_q, floor_tau = _floor(case, fit, repeat)
+    floor = floor_between(case, fit, repeat)
     blown = not all(np.isfinite(t.q).all() for t in traces[:4])
     truth = {
         "rig": case.rig.name,
@@ -90,12 +80,12 @@ def _finish(case: Case, measured: Measured, traces: list[Trace]) -> Recorded:
         "expected": expected_of(case, measured),
         "stable": not blown,
         "masks": case.mask.names(),
-        "floor": {"q_rmse": _worst(floor_q), "tau_rmse": _worst(floor_tau)},
+        "floor": {"q_rmse": _worst(floor.q), "tau_rmse": _worst(floor.tau)},
         "holdout": {
-            "believed": _worst(_rms(believed.q - holdout.q)),
-            "oracle": _worst(_rms(oracle.q - holdout.q)),
-            "per_joint_believed": _rms(believed.q - holdout.q).tolist(),
-            "per_joint_oracle": _rms(oracle.q - holdout.q).tolist(),
+            "believed": _worst(rms(believed.q - holdout.q)),
+            "oracle": _worst(rms(oracle.q - holdout.q)),
+            "per_joint_believed": rms(believed.q - holdout.q).tolist(),
+            "per_joint_oracle": rms(oracle.q - holdout.q).tolist(),
         },
         "tracking_error_share": _tracking_share(case, fit),
         "effects": [
@@ -120,38 +110,24 @@ def expected_of(case: Case, measured: Measured) -> list[str]:
     expected = list(case.expected)
     if not case.mask.no_effort:
         return expected
-    if not case.effects:
-        return [*expected, "insufficient"]
-    if max(measured.distinct_q.values()) >= DISTINCT_ENOUGH:
+    if not case.effects or max(measured.distinct_q.values()) >= DISTINCT_ENOUGH:
         return [*expected, "insufficient"]
     seen = max(measured.strength_q.values()) >= DISTINCT_ENOUGH  # though other gains could explain it
     return ["insufficient", *expected] if seen else ["insufficient"]
-
-
-def _rms(x: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(np.square(x, dtype=float), axis=0))
 
 
 def _worst(x: np.ndarray) -> float:
     return float(np.max(x))
 
 
-def _floor(case: Case, fit: Trace, repeat: Trace) -> tuple[np.ndarray, np.ndarray]:
-    tau = "tau_measured" if case.mask.measured_effort else "tau_commanded"
-    return (
-        _rms(fit.q - repeat.q) / np.sqrt(2.0),
-        _rms(getattr(fit, tau) - getattr(repeat, tau)) / np.sqrt(2.0),
-    )
-
-
 def _tracking_share(case: Case, fit: Trace) -> float:
     """Root mean square position error over the range of the motion, worst joint."""
     span = np.ptp(fit.q, axis=0)
-    return float(np.max(_rms(fit.q - case.motions["fit"].q_cmd) / np.maximum(span, 1e-9)))
+    return float(np.max(rms(fit.q - case.motions["fit"].q_cmd) / np.maximum(span, 1e-9)))
 
 
 def _table(case: Case, role: str, trace: Trace, chosen: np.ndarray, t: np.ndarray) -> Recording:
-    tau = trace.tau_measured if case.mask.measured_effort else trace.tau_commanded
+    tau = getattr(trace, case.effort)
     motion = case.motions[role]
     degrees = np.degrees(1.0) if case.variant == "degrees" else 1.0
     q, dq = trace.q[chosen] * degrees, trace.dq[chosen] * degrees

@@ -98,23 +98,25 @@ def runs_of(sought: Sequence[Sought], actives: Sequence[Active]) -> list[Trace]:
 
 def runs(cases: Sequence[Case], effects: Sequence[Sequence[Active]], spans: Sequence[str]) -> list[Trace]:
     """Noise-free runs of every case with these effects."""
-    columns = [_column(c, s, active) for c, active, s in zip(cases, effects, spans, strict=True)]
+    columns = [c.run(s, active) for c, active, s in zip(cases, effects, spans, strict=True)]
     return _simulate(cases[0], columns) if columns else []
 
 
 def floors_of(cases: Sequence[Case]) -> list[Floor]:
     """Repeatability of every case without its effects."""
-    columns = [
-        _column(c, "fit", (), words(Purpose.FLOOR_NOISE, c.seed, run)) for c in cases for run in (0, 1)
-    ]
+    columns = [c.run("fit", (), words(Purpose.FLOOR_NOISE, c.seed, run)) for c in cases for run in (0, 1)]
     traces = _simulate(cases[0], columns)
-    floors = []
-    for case, one, two in zip(cases, traces[::2], traces[1::2], strict=True):
-        tau = _effort_of(case)
-        floors.append(
-            Floor(_rms(one.q - two.q) / np.sqrt(2), _rms(getattr(one, tau) - getattr(two, tau)) / np.sqrt(2))
-        )
-    return floors
+    return [
+        floor_between(case, one, two) for case, one, two in zip(cases, traces[::2], traces[1::2], strict=True)
+    ]
+
+
+def floor_between(case: Case, one: Trace, two: Trace) -> Floor:
+    """Repeatability of two runs of one motion."""
+    return Floor(
+        rms(one.q - two.q) / np.sqrt(2),
+        rms(getattr(one, case.effort) - getattr(two, case.effort)) / np.sqrt(2),
+    )
 
 
 def span_of(case: Case) -> str:
@@ -125,7 +127,7 @@ def span_of(case: Case) -> str:
 
 def signals(case: Case, trace: Trace, floor: Floor) -> np.ndarray:
     """Position and effort in floors, shape (channels, samples, joints)."""
-    effort = getattr(trace, _effort_of(case))[::EVERY] / floor.tau
+    effort = getattr(trace, case.effort)[::EVERY] / floor.tau
     return np.stack([trace.q[::EVERY] / floor.q, effort]).astype(float)
 
 
@@ -135,30 +137,11 @@ def size_of(difference: np.ndarray) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-def _column(case: Case, role: str, effects: Sequence[Active], noise: tuple[int, ...] | None = None) -> Column:
-    shaped = [
-        a if (change := EFFECTS[a.name].for_role) is None else replace(a, values=change(a.values, role))
-        for a in effects
-    ]
-    return Column(
-        machine=case.machine,
-        controller=case.controller,
-        motion=case.motions[role],
-        sensing=case.sensing,
-        heating=case.heating,
-        effects=tuple(shaped),
-        noise=noise,
-    )
-
-
 def _simulate(case: Case, columns: list[Column]) -> list[Trace]:
     traces = simulate(case.rig, columns, COARSE_SUBSTEPS)
     return [finish_log(t, c.effects) for t, c in zip(traces, columns, strict=True)]
 
 
-def _effort_of(case: Case) -> str:
-    return "tau_measured" if case.mask.measured_effort else "tau_commanded"
-
-
-def _rms(x: np.ndarray) -> np.ndarray:
+def rms(x: np.ndarray) -> np.ndarray:
+    """Of every column."""
     return np.sqrt(np.mean(np.square(x, dtype=float), axis=0))
